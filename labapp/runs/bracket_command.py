@@ -29,7 +29,7 @@ from labapp.runs.brackets.limits import bracket_limits, wanted_snr
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.run_commands import ExecutionOptions, attended_run
 from optics.hdr import ChosenBracket
-from optics.hdr.exposure_snr import ExposureSNR
+from optics.hdr.exposures import ExposureSNR
 
 _SOURCE = "bracket"
 """Name of the command's plan in errors."""

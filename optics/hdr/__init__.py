@@ -9,7 +9,7 @@ taken: the scene is metered, the exposures are searched for, and a scene that ha
 told.
 """
 
-from optics.hdr.bracket import Bracket
+from optics.hdr.bracket import Bracket, Defects, find_defects
 from optics.hdr.bracket_choice import (
     LADDER_RATIOS,
     ChosenBracket,
@@ -20,7 +20,6 @@ from optics.hdr.bracket_choice import (
 )
 from optics.hdr.bracket_noise import BracketNoise, estimate_bracket_noise
 from optics.hdr.coded_times import CodedTimes, check_coded_times, is_nominal, shutter_time
-from optics.hdr.defects import Defects, find_defects
 from optics.hdr.expected_accuracy import (
     ExpectedAccuracy,
     cramer_rao_variance,
@@ -32,7 +31,7 @@ from optics.hdr.exposure_factors import (
     find_disorder,
     measure_exposure_factors,
 )
-from optics.hdr.exposure_limits import ExposureLimits, common_period
+from optics.hdr.exposures import ExposureLimits, common_period
 from optics.hdr.frame_motion import FrameMotions, find_motions
 from optics.hdr.merging import (
     CLIPPED,
@@ -43,10 +42,11 @@ from optics.hdr.merging import (
     VALID,
     PixelState,
     RadianceEstimate,
+    choose_method,
     merge,
+    merge_seconds,
 )
 from optics.hdr.metering import Meter, MeteredRange
-from optics.hdr.method_choice import choose_method, merge_seconds
 from optics.hdr.response_curve import HIGHEST, LOWEST, ResponseCurve, fit_response
 from optics.hdr.response_merging import merge_by_response
 from optics.hdr.scene_change import SceneChange, SceneLight, scene_change, scene_light

@@ -1,4 +1,9 @@
-"""An exposure bracket: its frames and dark frames, and the noise of both."""
+"""An exposure bracket: its frames and dark frames, the noise of both, and defective pixels.
+
+A hot pixel has more dark signal than others. Dark frames take its mean off, and leave its noise,
+which no stated variance counts. A stuck pixel has the same number at every exposure time.
+EMVA 1288 (release 4.0, chapter 8) calls both defect pixels.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +77,16 @@ class Bracket:
         self.times = np.asarray(exposures, dtype=np.float64).ravel()
         self.dark_counts = np.asarray(dark_counts, dtype=np.float64).ravel()
         self.shape = self._require_matching()
-        self.exposures = self._group()
+        self.exposures: list[Exposure] = []
+        for time in np.unique(self.times):
+            indices = np.flatnonzero(self.times == time)
+            floor = sensor.read_noise**2 + sensor.gain**2 / 12 + sensor.dark_current * time
+            count = float(self.dark_counts[indices].min())
+            level = float(np.mean(darks[indices[0]], dtype=np.float64))
+            # A number of full scale stands for all above half a number less.
+            clip = (sensor.full_scale - 0.5 - level) * sensor.gain
+            one = Exposure(float(time), tuple(indices.tolist()), floor, count, level, clip)
+            self.exposures.append(one)
 
     def _require_matching(self) -> tuple[int, int]:
         """Return (rows, columns) of the frames; raise ValueError if anything doesn't match."""
@@ -104,20 +118,6 @@ class Bracket:
                 f"dark_counts are {self.dark_counts.tolist()}; each exposure needs at least 1"
             )
         return int(shape[0]), int(shape[1])
-
-    def _group(self) -> list[Exposure]:
-        """Group the frames by their time, the shortest first."""
-        sensor, found = self.sensor, []
-        for time in np.unique(self.times):
-            indices = np.flatnonzero(self.times == time)
-            floor = sensor.read_noise**2 + sensor.gain**2 / 12 + sensor.dark_current * time
-            count = float(self.dark_counts[indices].min())
-            level = float(np.mean(self.darks[indices[0]], dtype=np.float64))
-            # A number of full scale stands for all above half a number less.
-            clip = (sensor.full_scale - 0.5 - level) * sensor.gain
-            frames = tuple(indices.tolist())
-            found.append(Exposure(float(time), frames, floor, count, level, clip))
-        return found
 
     def electrons(
         self, index: int, rows: slice, chosen: NDArray[np.intp] | None = None
@@ -161,3 +161,87 @@ class Bracket:
         """Return the same frames with each time multiplied by a factor."""
         times = self.times * np.asarray(factors, dtype=np.float64)
         return Bracket(self.frames, times, self.darks, self.dark_counts, self.sensor)
+
+
+# Robust deviations of a dark frame: none of ten megapixels by chance, with heavy tails; chosen
+_HOT = 8.0
+_STUCK = 5.0  # deviations without light within which all numbers of a stuck pixel agree; chosen
+# Such deviations by which it is above its dark level: more than two of _STUCK's; chosen
+_LIT = 10.0
+# Exposures, and their range, over which light isn't constant; chosen
+_LEAST_FRAMES, _LEAST_RATIO = 3, 4.0
+_LISTED = 5  # pixels that are listed by their places; chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Defects:
+    """Pixels that don't measure light, (rows, columns): hot in dark frames, or stuck in all."""
+
+    hot: NDArray[np.bool_]
+    stuck: NDArray[np.bool_]
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Return all defective pixels."""
+        return self.hot | self.stuck
+
+    def explain(self) -> list[str]:
+        """Say in words how many pixels are defective; nothing if none is."""
+        found = []
+        for mask, what in (
+            (self.hot, "hot: the dark frames say so"),
+            (self.stuck, "stuck: they have one number at all exposure times"),
+        ):
+            pixels = np.argwhere(mask)
+            if pixels.size:
+                places = ", ".join(f"({y}, {x})" for y, x in pixels[:_LISTED])
+                more = ", …" if len(pixels) > _LISTED else ""
+                found.append(f"{len(pixels)} pixels are {what}; (row, column) {places}{more}")
+        return found
+
+
+def find_defects(bracket: Bracket) -> Defects:
+    """Find hot pixels by the dark frames, and stuck ones by the frames.
+
+    Parameters
+    ----------
+    bracket : Bracket
+        Hot pixels are found where its darks are measured frames, and stuck ones in three exposure
+        times or more.
+
+    Returns
+    -------
+    Defects
+    """
+    hot, stuck = np.zeros((2, *bracket.shape), dtype=bool)
+    exposures = bracket.exposures
+    shortest, longest = exposures[0], exposures[-1]
+    dark = bracket.darks[longest.frames[0]]
+    if np.ndim(dark) and math.isfinite(longest.darks):
+        hot = _is_hot(np.asarray(dark))
+    if len(exposures) >= _LEAST_FRAMES and longest.time / shortest.time >= _LEAST_RATIO:
+        stuck = _is_stuck(bracket)
+    return Defects(hot, stuck & ~hot)
+
+
+def _is_hot(dark: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Return where a mean dark frame is far above its median."""
+    middle = np.median(dark)
+    spread = 1.4826 * float(np.median(np.abs(dark - middle)))
+    if spread == 0:
+        # Most pixels have the same whole number.
+        spread = max(float(np.std(np.clip(dark, middle - 1, middle + 1))), 1 / math.sqrt(12))
+    return np.asarray(dark - middle > _HOT * spread)
+
+
+def _is_stuck(bracket: Bracket) -> NDArray[np.bool_]:
+    """Return where all frames have one number that is neither that of no light nor clipped."""
+    gain, full = bracket.sensor.gain, bracket.sensor.full_scale
+    noise = math.sqrt(max(one.floor for one in bracket.exposures)) / gain
+    level = max(one.dark_level for one in bracket.exposures)
+    lowest, highest = (np.array(bracket.frames[0]) for _ in range(2))
+    for frame in bracket.frames:
+        np.minimum(lowest, frame, out=lowest)
+        np.maximum(highest, frame, out=highest)
+    constant = highest - lowest <= _STUCK * noise
+    return np.asarray(constant & (lowest > level + _LIT * noise) & (highest < full))

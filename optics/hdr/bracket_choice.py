@@ -15,14 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from optics.camera import Sensor
 from optics.hdr.bracket_search import BracketSearch, Groups, in_order
-from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
-from optics.hdr.exposure_snr import FIRST_MARGIN, ExposureSNR, decibels, from_decibels
+from optics.hdr.exposures import (
+    FIRST_MARGIN,
+    AllowedTimes,
+    ExposureLimits,
+    ExposureSNR,
+    decibels,
+    from_decibels,
+)
 
 Least = Literal["time", "frames"]
 
+# Lowest ratio that is offered instead, and halvings, to .01 dB; chosen
 _LEAST_DB, _DB_STEPS = -40.0, 14
-"""Lowest ratio that is offered where the wanted one can't be reached, and halvings of the interval
-between both. Chosen: to .01 dB."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +152,7 @@ def choose_bracket(
     """
     if least not in ("time", "frames"):
         raise ValueError(f"least is {least!r}; choose time or frames")
-    search = search_for(sensor, wanted, limits, taken)
+    search = _search_for(sensor, wanted, limits, taken)
     noise = ExposureSNR(sensor, wanted.darks)
     if search.suffices(()):
         return ChosenBracket((), 0.0, noise, taken)
@@ -159,12 +164,11 @@ def choose_bracket(
     return ChosenBracket(groups, search.duration(groups), noise, taken)
 
 
-def search_for(
+def _search_for(
     sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, taken: Groups = ()
 ) -> BracketSearch:
     """Set up the search for exposures that reach a wanted ratio within limits."""
-    noise = ExposureSNR(sensor, wanted.darks)
-    snr = from_decibels(wanted.snr_db)
+    noise, snr = ExposureSNR(sensor, wanted.darks), from_decibels(wanted.snr_db)
     return BracketSearch(noise, limits, wanted.low, wanted.high, snr, wanted.counted_darks, taken)
 
 
@@ -178,32 +182,28 @@ def _explain(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, reached:
             f"shortest exposure, {shortest * 1e3:g} ms, which takes up to {brightest:.3g} "
             "electrons/s. Dim the light, allow shorter exposures, or end the range there"
         )
+    low, high = _LEAST_DB, wanted.snr_db
+    for _ in range(_DB_STEPS):
+        middle = (low + high) / 2
+        _, reached_then = _search_for(
+            sensor, replace(wanted, snr_db=middle), limits
+        ).fewest_frames()
+        suffices = reached_then <= wanted.low * (1 + 1e-9)
+        low, high = (middle, high) if suffices else (low, middle)
     frames = "1 frame" if limits.most_frames == 1 else f"{limits.most_frames} frames"
     where = f"from {reached:.3g} electrons/s up" if reached < wanted.high else "at no rate"
     return (
         f"{wanted.snr_db:.4g} dB aren't reached from {wanted.low:.3g} to {wanted.high:.3g} "
         f"electrons/s with {frames} of at most {limits.longest * 1e3:g} ms: {where}; over the "
-        f"whole range, {_reachable_db(sensor, wanted, limits):.1f} dB. Ask for less, or allow more "
-        "frames, longer exposures or more dark frames"
+        f"whole range, {low:.1f} dB. Ask for less, or allow more frames, longer exposures or more "
+        "dark frames"
     )
-
-
-def _reachable_db(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits) -> float:
-    """Return the ratio in dB that can be reached over the whole range."""
-    low, high = _LEAST_DB, wanted.snr_db
-    for _ in range(_DB_STEPS):
-        middle = (low + high) / 2
-        less = replace(wanted, snr_db=middle)
-        _, reached = search_for(sensor, less, limits).fewest_frames()
-        low, high = (middle, high) if reached <= wanted.low * (1 + 1e-9) else (low, middle)
-    return low
 
 
 LADDER_RATIOS = (2.0, 4.0, 8.0)
 """Ratios of the ladders that chosen brackets are usually compared with."""
 
-_STARTS = 24
-"""Shortest exposures of a ladder that are tried for each of its steps. Chosen."""
+_STARTS = 24  # shortest exposures of a ladder that are tried for each of its steps; chosen
 
 
 def choose_ladder(
@@ -223,13 +223,23 @@ def choose_ladder(
     """
     if not 1 < ratio < math.inf:
         raise ValueError(f"ratio is {ratio:g}; a ladder's exposures grow, by more than 1")
-    search = search_for(sensor, wanted, limits)
+    search = _search_for(sensor, wanted, limits)
+    first = search.longest_usable(wanted.high, FIRST_MARGIN)
+    last = search.longest_usable(wanted.low)
+    ladders: list[list[float]] = []
+    if first is not None and last is not None:
+        for shift in range(_STARTS):
+            ladders += _ladder_times(limits, first * ratio ** (-shift / _STARTS), last, ratio)
     best: Groups | None = None
-    for shift in range(_STARTS):
-        for times in _ladder_times(search, wanted, limits, ratio, ratio ** (-shift / _STARTS)):
-            quickest = math.inf if best is None else search.duration(best)
-            found = _fewest_repeats(search, times, limits.most_frames, quickest)
-            best = found or best
+    for times in ladders:
+        # As few frames at each time as suffice, if that's quicker.
+        for count in range(1, limits.most_frames // len(times) + 1):
+            groups = in_order(tuple((time, count) for time in times))
+            if best is not None and search.duration(groups) >= search.duration(best):
+                break
+            if search.suffices(groups):
+                best = groups
+                break
     if best is None:
         raise UnreachableSNR(
             f"no ladder of x{ratio:g} with at most {limits.most_frames} frames reaches "
@@ -240,35 +250,14 @@ def choose_ladder(
 
 
 def _ladder_times(
-    search: BracketSearch, wanted: WantedSNR, limits: ExposureLimits, ratio: float, shift: float
+    limits: ExposureLimits, time: float, last: float, ratio: float
 ) -> Iterator[list[float]]:
-    """Yield the times of ladders with one step, two steps, and so on.
-
-    shift: the first time over the longest that isn't clipped at the brightest rate.
-    """
+    """Yield the times of ladders from a time on with one step, two steps, and so on to the last."""
     allowed = AllowedTimes(limits)
-    first = search.longest_usable(wanted.high, FIRST_MARGIN)
-    last = search.longest_usable(wanted.low)
-    if first is None or last is None:
-        return
     times: list[float] = []
-    time = first * shift
     while time <= last * (1 + 1e-9) and len(times) < limits.most_frames:
         number = allowed.last_up_to(time)
         if number >= 0:
             times.append(allowed.time(number))
             yield list(times)
         time *= ratio
-
-
-def _fewest_repeats(
-    search: BracketSearch, times: list[float], most_frames: int, quickest: float
-) -> Groups | None:
-    """Return a ladder with as few frames at each time as suffice; None if none is quicker."""
-    for count in range(1, most_frames // len(times) + 1):
-        groups = in_order(tuple((time, count) for time in times))
-        if search.duration(groups) >= quickest:
-            return None
-        if search.suffices(groups):
-            return groups
-    return None

@@ -22,37 +22,24 @@ from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
 
+# Pixels of a block: it tells its variance to 18 %, and one that moved is left out; chosen
 _SIDE = 8
-"""Side in pixels of the blocks in which variances are taken. Chosen: blocks in which something
-moved can be left out, and a block tells its variance to 18 %."""
-
-_BLOCKS = 20_000
-"""Blocks of a pair of frames that are looked at. Chosen: gains are right to some tenths of a
-percent."""
-
-_OPEN = 0.9
-"""Share of the range up to which pixels count, far enough from the clip level. Chosen."""
-
-_BINS, _QUIET = 20, 0.25
-"""Levels of light that the fit starts from, and quantile of blocks' variances that is taken for
-that of noise alone. Chosen: a third of the blocks may hold what moved."""
-
-_FREEDOM = _SIDE**2 - 1
-"""Degrees of freedom of a block's variance."""
-
-_STRAY = 2.0
-"""Standard deviations of a block's variance beyond which it doesn't count. Chosen: what moved in
-flat parts of the scene adds little."""
-
-_PASSES = 8
-"""Passes of the fit; the last ones change the gain by less than 1e-3."""
-
+_BLOCKS = 20_000  # of a pair of frames: gains are right to some tenths of a percent; chosen
+_OPEN = 0.9  # share of the range up to which pixels count, far enough from the clip level; chosen
+_BINS = 20  # levels of light that the fit starts from; chosen
+# Quantile of variances that is noise alone: a third of the blocks may hold what moved; chosen
+_QUIET = 0.25
+_FREEDOM = _SIDE**2 - 1  # degrees of freedom of a block's variance
+_STRAY = 2.0  # deviations of a block's variance beyond which it doesn't count; chosen
+_QUIET_VARIANCE = float(stats.chi2.ppf(_QUIET, _FREEDOM)) / _FREEDOM  # over the mean one
+# Mean variance of the blocks that are kept, over that of all: the mean of a chi-squared
+# distribution between two values has the one of two freedoms more
+_ENDS = _FREEDOM * (1 + _STRAY * math.sqrt(2 / _FREEDOM) * np.array([-1, 1]))
+_KEPT_MEAN = float(np.divide(*(np.diff(stats.chi2.cdf(_ENDS, _FREEDOM + k))[0] for k in (2, 0))))
+_PASSES = 8  # of the fit; the last ones change the gain by less than 1e-3
+# Blocks, their share, and deviations of the gain, at least; chosen
 _FEWEST, _LEAST_SHARE, _SURE = 50, 0.3, 5.0
-"""Blocks, their share of all, and standard deviations of the gain, that an estimate needs. Chosen.
-"""
-
-_ROUNDING = 1 / 12
-"""Variance of rounding to whole numbers, DN²."""
+_ROUNDING = 1 / 12  # DN²: variance of rounding to whole numbers
 
 
 @dataclass(frozen=True)
@@ -124,10 +111,9 @@ def estimate_bracket_noise(
     require_unmasked(frames, darks)
     order = np.argsort(np.asarray(times, dtype=np.float64), kind="stable")
     pairs = []
-    for one, other in itertools.pairwise(order):
-        found = _read_blocks(
-            (frames[one], frames[other]), (darks[one], darks[other]), full_scale, period
-        )
+    for both in itertools.pairwise(order):
+        taken = [(frames[one], darks[one]) for one in both]
+        found = _read_blocks(taken, full_scale, period)
         if len(found.longer) >= _FEWEST and found.ratio() > 0:
             pairs.append(found)
     if not pairs:
@@ -135,32 +121,26 @@ def estimate_bracket_noise(
     return _fit(pairs)
 
 
-def _read_blocks(
-    frames: tuple[Any, Any], darks: tuple[Any, Any], full: float, period: tuple[int, int]
-) -> _Blocks:
-    """Cut two frames into blocks, and keep those in which neither is near the clip level."""
+def _read_blocks(frames: list[tuple[Any, Any]], full: float, period: tuple[int, int]) -> _Blocks:
+    """Cut two frames into blocks, and keep those in which neither is near the clip level.
+
+    frames: (numbers, darkness), the shorter one first.
+    """
     down, along = period
-    share = down * along
     found: tuple[list[Array], list[Array]] = ([], [])
-    for y, x in itertools.product(range(down), range(along)):
-        both = []
-        for frame, dark in zip(frames, darks, strict=True):
-            level = dark[y::down, x::along] if np.ndim(dark) else dark
-            both.append((frame[y::down, x::along], level))
-        rows, columns = (n // _SIDE for n in both[0][0].shape)
-        every = max(1, math.ceil(rows * columns * share / _BLOCKS))
-        parts = []
-        for numbers, level in both:
-            cut = [
-                _cut(one, rows, columns, every) if np.ndim(one) else one for one in (numbers, level)
-            ]
-            parts.append((cut[0] - cut[1], cut[0], cut[1]))
-        limit = [level + _OPEN * (full - level) for _, _, level in parts]
-        is_open = np.logical_and(
-            *(np.all(one[1] < top, axis=1) for one, top in zip(parts, limit, strict=True))
-        )
-        for kept, part in zip(found, parts, strict=True):
-            kept.append(part[0][is_open])
+    for y, x in np.ndindex(period):
+        is_open, light = np.array(True), []
+        for frame, dark in frames:
+            plane = frame[y::down, x::along]
+            rows, columns = (n // _SIDE for n in plane.shape)
+            every = max(1, math.ceil(rows * columns * down * along / _BLOCKS))
+            numbers, level = _cut(plane, rows, columns, every), dark
+            if np.ndim(dark):
+                level = _cut(dark[y::down, x::along], rows, columns, every)
+            light.append(numbers - level)
+            is_open = is_open & np.all(numbers < level + _OPEN * (full - level), axis=1)
+        for kept, one in zip(found, light, strict=True):
+            kept.append(one[is_open])
     shorter, longer = (np.concatenate(one) for one in found)
     return _Blocks(shorter, longer)
 
@@ -174,23 +154,39 @@ def _cut(plane: NDArray[Any], rows: int, columns: int, every: int) -> Array:
 
 def _fit(pairs: Sequence[_Blocks]) -> BracketNoise:
     """Fit gain and read noise to the variance that pairs of frames leave."""
-    ratios, kept = [one.ratio() for one in pairs], None
-    law = np.zeros(2)
-    for number in range(_PASSES):
+    ratios = [one.ratio() for one in pairs]
+    ends = np.cumsum([len(one.longer) for one in pairs])[:-1]
+    law: Array | None = None
+    for _ in range(_PASSES):
         light, floor, variance = _points(pairs, ratios)
-        if number == 0:
-            law = _start(light, floor, variance)
+        law = _start(light, floor, variance) if law is None else law
         expected = np.maximum(law[0] * light, 0) + law[1] * floor
         kept = _is_regular(pairs, ratios, law)
-        law = _weighted_fit(light, floor, variance, expected, kept)
-        ends = np.cumsum([len(one.longer) for one in pairs])
-        parts = np.split(kept, ends[:-1])
+        # Least squares with weights, neither below 0.
+        weight = 1 / np.maximum(expected[kept], 1e-12)
+        design = np.stack([light[kept], floor[kept]], axis=1) * weight[:, None]
+        law = optimize.nnls(design, variance[kept] * weight / _KEPT_MEAN)[0]
         ratios = [
             one.ratio(part) if part.sum() >= _FEWEST else ratio
-            for one, part, ratio in zip(pairs, parts, ratios, strict=True)
+            for one, part, ratio in zip(pairs, np.split(kept, ends), ratios, strict=True)
         ]
-    assert kept is not None
-    return _judged(light[kept], floor[kept], expected[kept], law, float(kept.mean()))
+    assert law is not None
+    if kept.sum() < _FEWEST or kept.mean() < _LEAST_SHARE:
+        raise ValueError("more than noise differs between the frames")
+    spread = np.sqrt(2 / _FREEDOM * np.diag(np.linalg.pinv(design.T @ design))).tolist()
+    if not law[0] > _SURE * spread[0]:
+        raise ValueError(
+            "the frames don't tell photons' noise from the readout's: they are too small, or of "
+            "too even a light"
+        )
+    gain = 1 / float(law[0])
+    noise = math.sqrt(max(float(law[1]) - _ROUNDING, 0.0))
+    # Where hardly any is seen, its square is uncertain, and not its own slope.
+    uncertain = math.sqrt(noise**2 + spread[1]) - noise
+    return BracketNoise(
+        gain, gain * noise, gain**2 * spread[0], gain * uncertain, int(kept.sum()),
+        float(kept.mean()),
+    )  # fmt: skip
 
 
 def _points(pairs: Sequence[_Blocks], ratios: Sequence[float]) -> tuple[Array, Array, Array]:
@@ -205,10 +201,9 @@ def _points(pairs: Sequence[_Blocks], ratios: Sequence[float]) -> tuple[Array, A
 
 def _start(light: Array, floor: Array, variance: Array) -> Array:
     """Return 1 / g and σ² by the quiet blocks at each level of light."""
-    quiet = _noise_quantile()
     groups = np.array_split(np.argsort(light), _BINS)
     level = np.array([[light[one].mean(), floor[one].mean()] for one in groups])
-    seen = np.array([np.quantile(variance[one], _QUIET) / quiet for one in groups])
+    seen = np.array([np.quantile(variance[one], _QUIET) / _QUIET_VARIANCE for one in groups])
     weight = 1 / np.maximum(seen, 1e-12)
     law: Array = optimize.nnls(np.maximum(level, 0) * weight[:, None], seen * weight)[0]
     return law
@@ -224,49 +219,5 @@ def _is_regular(pairs: Sequence[_Blocks], ratios: Sequence[float], law: Array) -
         left -= left.mean(1, keepdims=True)
         found.append((left**2 / expected).mean(1))
     shown = np.concatenate(found)
-    noise = float(np.quantile(shown, _QUIET)) / _noise_quantile()
+    noise = float(np.quantile(shown, _QUIET)) / _QUIET_VARIANCE
     return np.asarray(np.abs(shown - noise) <= _STRAY * math.sqrt(2 / _FREEDOM) * noise)
-
-
-def _noise_quantile() -> float:
-    """Return the quiet quantile of a block's variance over its mean, where there is noise alone."""
-    return float(stats.chi2.ppf(_QUIET, _FREEDOM)) / _FREEDOM
-
-
-def _kept_mean() -> float:
-    """Return the mean variance of the blocks that are kept, over that of all."""
-    ends = _FREEDOM * (1 + _STRAY * math.sqrt(2 / _FREEDOM) * np.array([-1, 1]))
-    # The mean of a chi-squared distribution between two values has the one of two freedoms more.
-    above, below = (np.diff(stats.chi2.cdf(ends, k)) for k in (_FREEDOM + 2, _FREEDOM))
-    return float(above[0] / below[0])
-
-
-def _weighted_fit(
-    light: Array, floor: Array, variance: Array, expected: Array, kept: NDArray[np.bool_]
-) -> Array:
-    """Return 1 / g and σ² by least squares with weights, neither below 0."""
-    weight = 1 / np.maximum(expected[kept], 1e-12)
-    design = np.stack([light[kept], floor[kept]], axis=1) * weight[:, None]
-    law: Array = optimize.nnls(design, variance[kept] * weight / _kept_mean())[0]
-    return law
-
-
-def _judged(light: Array, floor: Array, expected: Array, law: Array, share: float) -> BracketNoise:
-    """Return the noise with its deviations; raise ValueError if the frames don't tell it."""
-    if len(light) < _FEWEST or share < _LEAST_SHARE:
-        raise ValueError("more than noise differs between the frames")
-    weight = 1 / np.maximum(expected, 1e-12)
-    design = np.stack([light, floor], axis=1) * weight[:, None]
-    spread = np.sqrt(2 / _FREEDOM * np.diag(np.linalg.pinv(design.T @ design)))
-    if not law[0] > _SURE * spread[0]:
-        raise ValueError(
-            "the frames don't tell photons' noise from the readout's: they are too small, or of "
-            "too even a light"
-        )
-    gain = 1 / float(law[0])
-    noise = math.sqrt(max(float(law[1]) - _ROUNDING, 0.0))
-    # Where hardly any is seen, its square is uncertain, and not its own slope.
-    uncertain = math.sqrt(noise**2 + float(spread[1])) - noise
-    return BracketNoise(
-        gain, gain * noise, gain**2 * float(spread[0]), gain * uncertain, len(light), share
-    )

@@ -20,8 +20,14 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 
-from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
-from optics.hdr.exposure_snr import FIRST_MARGIN, MARGIN, ExposureSNR, Group
+from optics.hdr.exposures import (
+    FIRST_MARGIN,
+    MARGIN,
+    AllowedTimes,
+    ExposureLimits,
+    ExposureSNR,
+    Group,
+)
 
 Groups = tuple[Group, ...]
 """Exposure times with their numbers of frames, the shortest first."""
@@ -29,31 +35,21 @@ Groups = tuple[Group, ...]
 Chain = tuple[tuple[int, ...], Groups, float | None]
 """Numbers of frames at each time, exposures, and the lowest rate that they reach, if any."""
 
+_NO_CHAIN: Chain = ((), (), None)
+
+# Chains of each number of frames, the darkest: more made no bracket quicker by 1 %; chosen
 _BEAM = 16
-"""Chains of each number of frames that are kept, those which reach darkest. Chosen: with more, no
-bracket of 300 random ones became quicker by 1 %."""
-
-_OF_EACH = 4
-"""Likewise of each number of different times, where each of these takes dark frames of its own."""
-
+_OF_EACH = 4  # likewise of each number of times, where each takes dark frames of its own
+# Frames at each time that share dark frames: finer steps change a few percent; chosen
 _REPEATS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
-"""Frames at each time that are tried where these share dark frames. Chosen: steps of 1.5 at most
-change the time by a few percent."""
+_KEPT = 3  # first exposures that stay as long as may be, at most; chosen likewise
+_MORE_FRAMES = 4  # beyond the fewest, with which a shorter time is looked for; chosen likewise
+_GOOD_ENOUGH = 1.003  # time over the lower bound at which the search ends; chosen
 
-_KEPT = 3
-"""Exposures at the start of a chain that stay as long as may be while the rest is shortened, at
-most. Chosen likewise."""
-
-_MORE_FRAMES = 4
-"""Frames beyond the fewest with which a shorter time is looked for. Chosen likewise."""
-
-_GOOD_ENOUGH = 1.003
-"""Time over the lower bound at which the search ends. Chosen."""
-
+# Exposures whose information is computed, at most, after which the best bracket so far is taken:
+# less than half a second. Only brackets of many frames come here, in which photons make the noise,
+# so that all ways to divide the time are nearly alike; chosen
 _MOST_TERMS = 120_000
-"""Exposures whose information is computed, at most, after which the best bracket so far is taken.
-Chosen: less than half a second. Only brackets of many frames come here, in which photons make the
-noise, so that all ways to divide the time are nearly alike."""
 
 
 class BracketSearch:
@@ -76,7 +72,7 @@ class BracketSearch:
         self._darks = dark_frames
         self._allowed = AllowedTimes(limits)
         self._terms = 0
-        self._beams: list[list[Chain]] = [[((), (), None)]]
+        self._beams: list[list[Chain]] = [[_NO_CHAIN]]
 
     def duration(self, groups: Groups) -> float:
         """Return the seconds that exposures take, read-out and dark frames included."""
@@ -127,29 +123,24 @@ class BracketSearch:
         """
         found: list[tuple[tuple[float, int], tuple[int, ...]]] = []
         for count, last in itertools.product(_REPEATS, _REPEATS):
-            counts = self._counts_to_end(count, last, most_frames)
-            chain = counts and self._chain((), counts)
-            if counts and chain:
-                found.append((self._merit(self._cut(chain)), counts))
+            chain = self._repeated_chain(count, last, most_frames)
+            if chain:
+                counts, groups, _ = chain
+                found.append((self._merit(self._cut(groups)), counts))
         for _, counts in sorted(found)[:_OF_EACH]:
             yield from self._quickest_brackets(counts)
 
-    def _counts_to_end(self, count: int, last: int, most_frames: int) -> tuple[int, ...] | None:
-        """Return the frames at each time of a chain of equal numbers but for the last, if any."""
-        counts: tuple[int, ...] = ()
-        groups: Groups = ()
-        reached: float | None = None
+    def _repeated_chain(self, count: int, last: int, most_frames: int) -> Chain | None:
+        """Return the chain of equal numbers of frames but for the last that ends dark enough."""
+        counts, groups, reached = _NO_CHAIN
         while sum(counts) + last <= most_frames:
             end = self._extend(groups, reached, last)
-            if end is None:
-                return None
-            if end[1] is not None and end[1] <= self._low:
-                return (*counts, last)
-            longer = self._extend(groups, reached, count)
+            if end is not None and end[1] is not None and end[1] <= self._low:
+                return (*counts, last), *end
+            longer = end and self._extend(groups, reached, count)
             if longer is None:
                 return None
-            groups, reached = longer
-            counts = (*counts, count)
+            counts, (groups, reached) = (*counts, count), longer
         return None
 
     def _merit(self, groups: Groups) -> tuple[float, int]:
@@ -159,12 +150,11 @@ class BracketSearch:
     def _least_duration(self, frames: int) -> float:
         """Return a lower bound of the time that so many frames take, in seconds."""
         readout, longest = self._limits.readout, self._allowed.time(self._allowed.count - 1)
-        single = self._first_true(
-            lambda time: self._square(((time, 1),), self._low) >= self._snr**2
-        )
+        target = self._snr**2
+        single = self._first_true(lambda time: self._square(((time, 1),), self._low) >= target)
         if single is None:
             # Each of several frames tells less in its time than the longest.
-            single = longest * self._snr**2 / self._square(((longest, 1),), self._low)
+            single = longest * target / self._square(((longest, 1),), self._low)
         return frames * readout + single + self._darks * (readout + self._limits.shortest)
 
     def _square(self, groups: Groups, rate: float) -> float:
@@ -180,12 +170,10 @@ class BracketSearch:
         reached: the lowest rate that it reaches from the brightest one, None if not even that.
         Returns None where no exposure is short enough.
         """
-        number = self._last_usable(self._high if reached is None else reached)
-        if not groups and not self._taken_is_safe:
-            number = self._last_usable(self._high, FIRST_MARGIN)
-        if number < 0:
+        margin = MARGIN if groups or self._taken_is_safe else FIRST_MARGIN
+        time = self.longest_usable(self._high if reached is None else reached, margin)
+        if time is None:
             return None
-        time = self._allowed.time(number)
         if groups and groups[-1][0] >= time:
             last, before = groups[-1]
             longer = (*groups[:-1], (last, before + count))
@@ -211,21 +199,10 @@ class BracketSearch:
             if reached >= rate or rate <= self._low:
                 return reached
 
-    def _last_usable(self, rate: float, margin: float = MARGIN) -> int:
-        """Return the number of the longest allowed time that isn't clipped at a rate, or -1."""
-        low, high = -1, self._allowed.count
-        while high - low > 1:
-            middle = (low + high) // 2
-            if self._noise.brightest(self._allowed.time(middle), margin) >= rate:
-                low = middle
-            else:
-                high = middle
-        return low
-
     def longest_usable(self, rate: float, margin: float = MARGIN) -> float | None:
         """Return the longest allowed time in seconds that isn't clipped at a rate; None if none."""
-        number = self._last_usable(rate, margin)
-        return None if number < 0 else self._allowed.time(number)
+        number = self._before_first(lambda time: self._noise.brightest(time, margin) < rate)
+        return self._allowed.time(number - 1) if number else None
 
     def _chains(self, frames: int) -> list[tuple[int, ...]]:
         """Return numbers of frames at each time with which chains reach the darkest rate."""
@@ -328,10 +305,24 @@ class BracketSearch:
         return True
 
     def _first_true(self, test: Callable[[float], bool], count: int | None = None) -> float | None:
-        """Return the shortest allowed time that passes a test, as all longer ones do, if any."""
+        """Return the shortest allowed time that passes a test, as all longer ones do, if any.
+
+        count: of times that are tried, the shortest ones; all by default.
+        """
         whole = self._allowed.count if count is None else count
-        number = _first_true(lambda index: test(self._allowed.time(index)), whole)
-        return None if number is None else self._allowed.time(number)
+        number = self._before_first(test, whole)
+        return self._allowed.time(number) if number < whole else None
+
+    def _before_first(self, test: Callable[[float], bool], count: int | None = None) -> int:
+        """Return how many allowed times come before the first that passes a test, by bisection."""
+        low, high = -1, self._allowed.count if count is None else count
+        while high - low > 1:
+            middle = (low + high) // 2
+            if test(self._allowed.time(middle)):
+                high = middle
+            else:
+                low = middle
+        return high
 
 
 def in_order(groups: Groups) -> Groups:
@@ -340,15 +331,3 @@ def in_order(groups: Groups) -> Groups:
     for time, count in sorted(groups):
         counts[time] = counts.get(time, 0) + count
     return tuple(counts.items())
-
-
-def _first_true(test: Callable[[int], bool], count: int) -> int | None:
-    """Return the first of `count` numbers that passes a test, by bisection; None if none does."""
-    low, high = -1, count
-    while high - low > 1:
-        middle = (low + high) // 2
-        if test(middle):
-            high = middle
-        else:
-            low = middle
-    return high if high < count else None

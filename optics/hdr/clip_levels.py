@@ -20,11 +20,9 @@ Array = NDArray[np.float64]
 NEAR = 7.0
 """Standard deviations from the clip level within which an exposure may be clipped, or not."""
 
-_STEP = 0.1
-"""Spacing of the functions' nodes, in standard deviations. Chosen."""
-
+_STEP = 0.1  # standard deviations: spacing of the functions' nodes; chosen
+# Functions for each factor of e in s: the error of a coarser s is 1 %; chosen
 _STEPS_PER_FACTOR = 20
-"""Different functions for each factor of e in s. Chosen: the error of a coarser s is 1 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,17 +94,16 @@ def _design_estimates(step: int) -> NearClipping:
     is_clipped = np.arange(-4 * shorter - 2, top, wide)
     # Of m alone, y has the variance 1 - both², whatever the light is.
     spread = math.sqrt(max(1 - both**2, 1e-12))
-    chance = np.concatenate(
-        [
-            _density(is_open, light, both) * _STEP * ndtr(-is_open / spread),
-            _density(is_clipped, light, shorter) * wide * ndtr(light)[:, None],
-        ],
-        axis=1,
-    )
+    chance_open = _density(is_open, light, both) * _STEP * ndtr(-is_open / spread)
+    chance_clipped = _density(is_clipped, light, shorter) * wide * ndtr(light)[:, None]
+    chance = np.concatenate([chance_open, chance_clipped], axis=1)
     nodes = np.concatenate([is_open, is_clipped])
-    natural = np.concatenate(
-        [np.full(len(is_open), both**2), _variance_if_clipped(is_clipped, shorter)]
-    )
+    # The variance of light that shorter frames and clipping leave is that of a normal distribution
+    # times ndtr(light), the chance of clipping.
+    place = is_clipped / math.sqrt(1 + shorter**2)
+    hazard = np.exp(-(place**2) / 2 - log_ndtr(place)) / math.sqrt(2 * math.pi)
+    if_clipped = shorter**2 - shorter**4 / (1 + shorter**2) * hazard * (hazard + place)
+    natural = np.concatenate([np.full(len(is_open), both**2), if_clipped])
     bending = _bending(len(is_open), 1.0, len(is_clipped), wide / _STEP)
     value, error = _least_error(light, share, shorter, chance, nodes, bending)
     variance = _stated_variance(error, share, chance, natural, bending)
@@ -119,16 +116,6 @@ def _design_estimates(step: int) -> NearClipping:
         shorter, is_open, value[:count], variance[:count],
         is_clipped[kept], value[count:][kept], variance[count:][kept],
     )  # fmt: skip
-
-
-def _variance_if_clipped(value: Array, shorter: float) -> Array:
-    """Return the variance of light that values of shorter frames and clipping leave.
-
-    It is that of a normal distribution times ndtr(light), the chance of clipping.
-    """
-    place = value / math.sqrt(1 + shorter**2)
-    hazard = np.exp(-(place**2) / 2 - log_ndtr(place)) / math.sqrt(2 * math.pi)
-    return np.asarray(shorter**2 - shorter**4 / (1 + shorter**2) * hazard * (hazard + place))
 
 
 def _density(nodes: Array, light: Array, deviation: float) -> Array:
@@ -192,11 +179,8 @@ def _bending(first: int, spacing: float, second: int, other_spacing: float) -> A
     return whole
 
 
-_SAFE = 8.0
-"""Standard deviations below the clip level from which an exposure surely isn't clipped."""
-
-_MAY_CLIP = 5.0
-"""Standard deviations from the shortest exposure's clip level within which a pixel may clip."""
+_SAFE = 8.0  # deviations below the clip level from which an exposure surely isn't clipped
+_MAY_CLIP = 5.0  # deviations from the shortest exposure's clip level within which a pixel may clip
 
 
 @dataclass(frozen=True)
@@ -257,6 +241,10 @@ class ClipLevel:
         # light + away · √(light + floor) = level
         light = level + away**2 / 2 - away * math.sqrt(away**2 / 4 + level + floor)
         return np.float32(light / self.exposure.time)
+
+    def all_open(self, time: NDArray[np.float32]) -> Mask:
+        """Return where no frame is clipped; time: total of the frames that are open, seconds."""
+        return time > (len(self.exposure.frames) - 0.5) * self.exposure.time
 
 
 def add_near_clipping(

@@ -32,9 +32,7 @@ _SLOW = (
 NOMINAL_TIMES = (*(1 / one for one in _FAST), *_SLOW)
 """Customary exposure times of cameras, seconds, the shortest first."""
 
-_SAME = 0.006
-"""Relative difference up to which a time is a customary one. Chosen: .017 s is 1/60 s to 2 %, and
-isn't taken for it; .0167 s is."""
+_SAME = 0.006  # relative: .017 s is 1/60 s to 2 %, and isn't taken for it; .0167 s is; chosen
 
 
 def is_nominal(time: float) -> bool:
@@ -54,42 +52,25 @@ def shutter_time(time: float) -> float:
 
 Array = NDArray[np.float64]
 
-_SIDE = 4
-"""Side of a patch in pixels. Chosen: its mean has a fourth of the noise, and few have edges."""
-
-_PATCHES = 100_000
-"""Patches of a frame, at most, evenly over it. Chosen."""
-
-_BORDER = 8
-"""Pixels at the border in which no patch lies. Chosen: scans have rims."""
-
+_SIDE = 4  # pixels of a patch: its mean has a fourth of the noise, and few have edges; chosen
+_PATCHES = 100_000  # of a frame at most, evenly over it; chosen
+_BORDER = 8  # pixels without patches: scans have rims; chosen
+# Numbers of a patch: below, they are cut or rounded too coarsely; chosen
 _LEAST, _LEAST_MEAN = 2, 12.0
-"""Least number of a patch's pixels, and of their mean: below, numbers are cut or rounded too
-coarsely. Chosen."""
-
+# Deviations within a calm patch: the first that leaves enough; chosen
 _CALM = (5.0, 8.0, 12.0, 20.0)
-"""Deviations within a patch up to which it is calm: the first that leaves enough patches. Chosen.
-"""
-
-_ENOUGH, _TOO_FEW = 600, 40
-"""Patches that are enough, and too few. Chosen."""
-
+_ENOUGH, _TOO_FEW = 600, 40  # patches; chosen
+# Medians along both frames' numbers at most, and patches of each at least; chosen
 _STEPS, _IN_STEP = 60, 20
-"""Steps along the two frames' numbers in each of which a median is taken, at most, and patches in a
-step, at least. Chosen."""
-
-_WIDEST = 30.0
-"""Range of the sum of both numbers within a step, at most. Chosen: curves are straight in it."""
-
-_ROUNDING = 0.06
-"""Deviation of a median that rounding leaves, numbers. Chosen."""
+_WIDEST = 30.0  # range of the sum of both numbers within a step: curves are straight in it; chosen
+_ROUNDING = 0.06  # deviation of a median that rounding leaves, numbers
 
 _ALIKE, _APART = 4.0, 10.0
 """Difference of numbers up to which both may be the darkness or the white of a film, which tells no
 light, where other numbers differ by more than the second one. Chosen."""
 
 
-class Patches(NamedTuple):
+class _Patches(NamedTuple):
     """Means and deviations of the numbers of small patches of a frame, and which patches count."""
 
     mean: NDArray[np.float32]
@@ -97,31 +78,31 @@ class Patches(NamedTuple):
     counts: NDArray[np.bool_]
 
 
-def frame_patches(numbers: NDArray[Any], motion: RigidMotion) -> Patches:
+def _frame_patches(numbers: NDArray[Any], motion: RigidMotion) -> _Patches:
     """Return the patches of a frame's band, at places of the reference, to the nearest pixel.
 
     numbers: (rows, columns). motion: of the frame.
     """
-    middle = (np.array(numbers.shape)[:, None] - 1) / 2
+    shape = np.array(numbers.shape)[:, None]
+    middle, half = (shape - 1) / 2, (_SIDE - 1) / 2
     step = max(_SIDE, round(math.sqrt(numbers.size / _PATCHES)))
     inside = [
         np.arange(_BORDER, max(n - _BORDER - _SIDE, _BORDER + 1), step) for n in numbers.shape
     ]
     corner = np.array([one.ravel() for one in np.meshgrid(*inside, indexing="ij")])
-    half = (_SIDE - 1) / 2
     at = np.rint(motion.places(corner + half - middle) + middle - half).astype(np.intp)
-    last = np.array(numbers.shape)[:, None] - _SIDE
+    last = shape - _SIDE
     seen = ((at >= 0) & (at <= last)).all(axis=0)
     row, column = np.clip(at, 0, last)
-    every = np.stack(
-        [numbers[row + down, column + right] for down in range(_SIDE) for right in range(_SIDE)]
-    ).astype(np.float32)
+    places = np.ndindex(_SIDE, _SIDE)
+    every = np.stack([numbers[row + down, column + right] for down, right in places])
+    every = every.astype(np.float32)
     counts = seen & (every.max(axis=0) <= HIGHEST) & (every.min(axis=0) >= _LEAST)
     mean = every.mean(axis=0)
-    return Patches(mean, every.std(axis=0), counts & (mean >= _LEAST_MEAN))
+    return _Patches(mean, every.std(axis=0), counts & (mean >= _LEAST_MEAN))
 
 
-def compare_levels(first: Patches, second: Patches) -> Array:
+def _compare_levels(first: _Patches, second: _Patches) -> Array:
     """Return numbers that two frames have at the same places, (3, steps).
 
     The rows are the numbers of the first and of the second frame, and the standard deviation of
@@ -141,18 +122,15 @@ def compare_levels(first: Patches, second: Patches) -> Array:
     found = []
     for start in range(0, len(order) - each + 1, each):
         few = order[start : start + each]
-        if np.ptp(total[few]) > _WIDEST:
-            continue
-        middle, whole = np.median(away[few]), np.median(total[few])
-        spread = 1.4826 * np.median(np.abs(away[few] - middle))
-        # A median's deviation is 1.25 times a mean's.
-        known = np.hypot(1.25 * spread / np.sqrt(each), _ROUNDING)
-        found.append(((whole - middle) / 2, (whole + middle) / 2, known))
+        if np.ptp(total[few]) <= _WIDEST:
+            middle, whole = np.median(away[few]), np.median(total[few])
+            spread = 1.4826 * np.median(np.abs(away[few] - middle))
+            # A median's deviation is 1.25 times a mean's.
+            known = np.hypot(1.25 * spread / np.sqrt(each), _ROUNDING)
+            found.append(((whole - middle) / 2, (whole + middle) / 2, known))
     pairs = np.array(found).reshape(-1, 3).T
     differ = np.abs(pairs[1] - pairs[0])
-    if differ.max(initial=0) > _APART:
-        pairs = pairs[:, differ > _ALIKE]
-    return pairs
+    return pairs[:, differ > _ALIKE] if differ.max(initial=0) > _APART else pairs
 
 
 _KNOTS = np.array([0.0] * 4 + [20, 40, 64, 96, 128, 160, 192, 216, 236] + [255.0] * 4)
@@ -166,37 +144,24 @@ of the levels below. Chosen on photographs: a tenth of it, or ten times as much,
 
 _LEVELS = np.linspace(12, 250, 100)
 
+# Of light's logarithm by a smooth curve: pictures without fault leave .2 to 1.5 %; chosen
 _MISFIT = 0.01
-"""Deviation of light's logarithm between a smooth curve and a pair of numbers. Chosen: pictures
-without fault leave .2 to 1.5 %."""
-
-_FIRST_POWER = 2.2
-"""Power of the curve with which fitting begins: a usual gamma."""
-
-_PASSES = 4
-"""Fits, each with weights by the curve and the residuals before. Chosen."""
-
-_STRAY = 3.0
-"""Robust deviations at which the weight of a pair of numbers is halved."""
-
+_FIRST_POWER = 2.2  # of the curve with which fitting begins: a usual gamma
+_PASSES = 4  # fits, each with weights by the curve and the residuals before; chosen
+_STRAY = 3.0  # robust deviations at which the weight of a pair of numbers is halved
+# Deviation of times' logarithms in the fit of weights: one may be half too long; chosen
 _LOOSE = 0.3
-"""Deviation of all times' logarithms in the fit by which residuals are weighted. Chosen: a time may
-be half too long."""
 
 _NOTABLE, _SURE, _KNOWN = 0.06, 5.0, 0.03
 """Logarithm of a factor from which on it is named, standard deviations by which it differs from 1,
 and the deviation up to which it is known. Chosen: times that are 10 % wrong are to be named; those
 of sound photographs are found to 1 %, of films to 3 %."""
 
+# Misfit that another time takes away: share, and in light's logarithm; chosen on photographs
 _GAIN, _GAINED = 0.3, 0.015
-"""Part of the misfit that another time takes away, and how much it is in the logarithm of light,
-root mean square, from which on the time is wrong. Chosen on photographs."""
-
+# Part of the best time's gain within which another frame's may as well be the wrong one
 _LIKELY = 0.05
-"""Part of the best time's gain within which another frame's may as well be the wrong one."""
-
-_LEAST_CHANGE = 0.025
-"""Logarithm of a factor of such another frame, at least. Chosen."""
+_LEAST_CHANGE = 0.025  # logarithm of a factor of such another frame, at least; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,20 +257,18 @@ def _pairs(
 ) -> Array:
     """Return pairs of numbers: frames, band, numbers, deviation, (6, pairs)."""
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
-    found = []
+    found = [np.zeros((6, 0))]
     for band in range(len(frames[0])):
-        patches = [
-            frame_patches(np.asarray(one[band]), motion)
-            for one, motion in zip(frames, motions, strict=True)
-        ]
+        moved = zip(frames, motions, strict=True)
+        patches = [_frame_patches(np.asarray(one[band]), motion) for one, motion in moved]
         # Of neighbours in brightness, and the next ones.
         for place, step in itertools.product(range(len(frames)), (1, 2)):
             if place + step < len(frames):
                 one, other = order[place], order[place + step]
-                few = compare_levels(patches[one], patches[other])
+                few = _compare_levels(patches[one], patches[other])
                 known = np.array([[one], [other], [band]]) * np.ones((1, few.shape[1]))
                 found.append(np.concatenate([known, few]))
-    return np.concatenate(found, axis=1) if found else np.zeros((6, 0))
+    return np.concatenate(found, axis=1)
 
 
 class _Fit:
@@ -341,16 +304,15 @@ class _Fit:
         size, first = self._design.shape[1], len(self._curves)
         found, stray = np.zeros(size), np.ones(len(self._wanted))
         found[0 : first : self._width] = _FIRST_POWER
+        free = np.diag(np.where(np.arange(size) < first, 0, 1 / _LOOSE**2))
         for _ in range(_PASSES):
             penalty = self._bends(found)
-            slope = np.zeros(len(self._wanted))
-            for numbers in (self._low, self._high):
-                slope += self._slopes(found, numbers) / 2
+            slope = self._slopes(found, self._low) / 2 + self._slopes(found, self._high) / 2
             variance = (slope * known) ** 2 + _MISFIT**2
             weight = stray / variance
-            loose = penalty + np.diag(np.where(np.arange(size) < first, 0, 1 / _LOOSE**2))
-            matrix = (self._design.T * weight) @ self._design + loose
-            found = np.linalg.solve(matrix, (self._design.T * weight) @ self._wanted)
+            weighted = self._design.T * weight
+            matrix = weighted @ self._design + (penalty + free)
+            found = np.linalg.solve(matrix, weighted @ self._wanted)
             away = np.abs(self._wanted - self._design @ found) / np.sqrt(variance)
             scale = max(1.0, 1.4826 * float(np.median(away)))
             stray = 1 / (1 + (away / (_STRAY * scale)) ** 2)
@@ -366,58 +328,52 @@ class _Fit:
 
     def _bends(self, found: Array) -> Array:
         """Return the penalty of the curves' relative bends, by the slopes of a fit."""
-        size = self._design.shape[1]
-        penalty = np.zeros((size, size))
+        penalty = np.zeros((self._design.shape[1],) * 2)
         step = 2.0
         bend = (_basis(_LEVELS + step) - 2 * _basis(_LEVELS) + _basis(_LEVELS - step)) / step**2
+        parts = [self._part(band) for band in range(len(self._curves) // self._width)]
         slope = (_basis(_LEVELS + 0.5) - _basis(_LEVELS - 0.5)) @ np.stack(
-            [found[self._part(band)] for band in range(len(self._curves) // self._width)], axis=1
+            [found[few] for few in parts], axis=1
         )
-        for band, one in enumerate(np.maximum(slope, 2e-3).T):
+        for few, one in zip(parts, np.maximum(slope, 2e-3).T, strict=True):
             relative = bend / one[:, None]
-            few = self._part(band)
             penalty[few, few] = _BEND * relative.T @ relative + 1e-6 * np.eye(self._width)
         return penalty
 
-    def _solve(self, columns: NDArray[np.intp]) -> tuple[float, Array, Array]:
-        """Return misfit, unknowns and their covariance, for the curves and some factors."""
+    def _solve(self, columns: NDArray[np.intp]) -> tuple[float, float, float]:
+        """Return the misfit, and the last unknown with its variance, of curves and some factors."""
         design, few = self._design[:, columns], np.ix_(columns, columns)
         matrix = (design.T * self._weight) @ design + self._penalty[few]
-        covariance: Array = np.asarray(
-            np.linalg.pinv(matrix, rcond=1e-12, hermitian=True), dtype=np.float64
-        )
+        covariance = np.linalg.pinv(matrix, rcond=1e-12, hermitian=True)
         found = covariance @ ((design.T * self._weight) @ self._wanted)
         left = self._wanted - design @ found
         misfit = self._weight @ left**2 + found @ self._penalty[few] @ found
-        return float(misfit), found, covariance
+        return float(misfit), float(found[-1]), float(covariance[-1, -1])
 
     def checked(self) -> CodedTimes:
         """Tell which frames' times are wrong, each tried by itself."""
         count, first = len(self._told), len(self._curves)
         misfit, _, _ = self._solve(self._curves)
-        logs, deviations = np.zeros(count), np.full(count, math.inf)
-        gains = np.zeros(count)
-        linked = np.abs(self._design[:, first:]).sum(axis=0) > 0
-        for frame in np.flatnonzero(linked):
-            one, found, covariance = self._solve(np.append(self._curves, first + frame))
-            gains[frame], logs[frame] = misfit - one, found[-1]
-            deviations[frame] = math.sqrt(max(covariance[-1, -1], 0.0))
+        gains, logs = np.zeros((2, count))
+        deviations = np.full(count, math.inf)
+        for frame in np.flatnonzero(np.abs(self._design[:, first:]).sum(axis=0) > 0):
+            columns = np.append(self._curves, first + frame)
+            one, logs[frame], variance = self._solve(columns)
+            gains[frame], deviations[frame] = misfit - one, math.sqrt(max(variance, 0.0))
         suspects: tuple[int, ...] = ()
         best = int(np.argmax(gains))
         gained = math.sqrt(max(gains[best], 0.0) / self._weight.sum())
-        if gains[best] > _GAIN * misfit and gained > _GAINED:
-            suspects = _suspects(gains, logs, deviations)
+        # Frames one of which has a wrong time, by what each alone would explain.
+        known = (deviations < _KNOWN) & (np.abs(logs) > _SURE * deviations)
+        likely = known & (gains > (1 - _LIKELY) * gains[best]) & (np.abs(logs) > _LEAST_CHANGE)
+        if (
+            gains[best] > _GAIN * misfit
+            and gained > _GAINED
+            and known[best]
+            and np.abs(logs[likely]).max(initial=0) >= _NOTABLE
+        ):
+            suspects = tuple(np.flatnonzero(likely).tolist())
         return CodedTimes(np.exp(self._told), np.exp(logs), deviations, suspects)
-
-
-def _suspects(gains: Array, logs: Array, deviations: Array) -> tuple[int, ...]:
-    """Return frames one of which has a wrong time, by what each alone would explain."""
-    best = int(np.argmax(gains))
-    known = (deviations < _KNOWN) & (np.abs(logs) > _SURE * deviations)
-    likely = known & (gains > (1 - _LIKELY) * gains[best]) & (np.abs(logs) > _LEAST_CHANGE)
-    if not known[best] or not likely.any() or np.abs(logs[likely]).max() < _NOTABLE:
-        return ()
-    return tuple(np.flatnonzero(likely).tolist())
 
 
 def _basis(numbers: Array) -> Array:

@@ -14,8 +14,7 @@ from optics.hdr.weighted_mean import Method
 
 Array = NDArray[np.float64]
 
-_SURELY = 8.0
-"""Standard deviations from the clip level from which an exposure surely clips, or doesn't."""
+_SURELY = 8.0  # deviations from the clip level from which an exposure surely clips, or doesn't
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +14,10 @@ from optics.hdr.bracket import Bracket
 
 Array = NDArray[np.float64]
 
+# Of the light against a shorter exposure, relative: lamps flicker, and things move; chosen
 _FALL = 0.05
-"""Relative fall of the light from which on a frame is darker than one of a shorter exposure.
-Chosen: lamps flicker, and things move."""
-
-_LEAST_ROOM = 0.01
-"""Part of the clip level by which a frame's mean is below it from which on it's darker than a
-clipped one of a shorter exposure. Chosen."""
-
-_SURE = 5.0
-"""Standard deviations by which it's darker, at least."""
+_LEAST_ROOM = 0.01  # of the clip level: below a clipped one of a shorter exposure; chosen
+_SURE = 5.0  # standard deviations by which it's darker, at least
 
 
 def find_disorder(light: Array, deviations: Array, times: Array) -> tuple[int, ...]:
@@ -86,42 +80,19 @@ def _falls(light: Array, deviations: Array, times: Array) -> NDArray[np.bool_]:
     return np.asarray(longer & (light < light[:, None] - allowed))
 
 
-_PIXELS = 100_000
-"""Pixels that are looked at, evenly over the frames. Chosen: ratios are right to 0.1 %."""
-
-_ROUNDS = 12
-"""Newton steps at most. Factors of 1.03 take four, two exchanged frames nine."""
-
-_SAFE = 8.0
-"""Standard deviations from the clip level within which an exposure of a pixel isn't used."""
-
-_LEAST_SIGNAL = 5.0
-"""Signal over noise of a pixel from which on it is used."""
-
-_STRAY = 5.0
-"""Robust deviations from a frame's median residual beyond which something moved in a pixel."""
-
-_LEAST_PIXELS = 30
-"""Pixels that two frames have in common from which on their ratio counts. Chosen."""
-
+_PIXELS = 100_000  # looked at, evenly over the frames: ratios are right to 0.1 %; chosen
+_ROUNDS = 12  # Newton steps at most: factors of 1.03 take four, two exchanged frames nine
+_SAFE = 8.0  # deviations from the clip level within which an exposure of a pixel isn't used
+_LEAST_SIGNAL = 5.0  # signal over noise of a pixel from which on it is used
+_STRAY = 5.0  # robust deviations of a residual beyond which something moved in a pixel
+_LEAST_PIXELS = 30  # common to two frames, from which on their ratio counts; chosen
+# Flicker of a frame over what it could be: those of the scale may, too; chosen
 _FLICKER_MARGIN = 1.5
-"""Light of a frame that flickers over what it could be by itself. Chosen: others, which give the
-scale, may flicker too."""
-
-_DRIFT = 0.1
-"""Standard deviation of the level without light that a whole frame has in common, over that of a
-pixel's noise. Chosen: levels drift by some tenths of an electron."""
-
-_EXCHANGED = 0.1
-"""Part of a factor's logarithm by which those of exchanged frames differ from each other's. Chosen.
-"""
-
-_PERMUTED = 0.1
-"""Relative difference of exposures from each other's times up to which frames are in a wrong order.
-Chosen."""
-
+_DRIFT = 0.1  # of a frame's level over a pixel's noise: some tenths of an electron; chosen
+_EXCHANGED = 0.1  # part of a factor's logarithm that exchanged frames miss each other's by; chosen
+_PERMUTED = 0.1  # relative difference of exposures from each other's times in a wrong order; chosen
+# Relative, and deviations, by which a named frame differs; chosen
 _NOTABLE, _EXPOSURE_FACTORS_SURE = 0.025, 5.0
-"""Relative difference, and standard deviations, from which on a frame is named. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,13 +127,7 @@ class ExposureFactors:
         """Return the indices of frames whose time is surely another."""
         away = np.abs(np.log(self.factors))
         notable = (away > _NOTABLE) & (away > _EXPOSURE_FACTORS_SURE * self.deviations)
-        return [int(one) for one in np.flatnonzero(notable)]
-
-    @property
-    def are_permuted(self) -> bool:
-        """Return whether the frames have each other's times."""
-        ratios = np.sort(self.times * self.factors) / np.sort(self.times)
-        return bool(np.ptp(np.log(ratios)) < _PERMUTED)
+        return np.flatnonzero(notable).tolist()
 
     def explain(self, flicker_period: float = 0.01) -> list[str]:
         """Say in words what is wrong with the times; nothing if all are right.
@@ -172,21 +137,16 @@ class ExposureFactors:
         if self.disordered:
             # Their dark frames are those of other times, too, so that others may look wrong.
             return [explain_disorder(self.disordered)]
-        found, told = [], set()
-        suspects = self.suspects
-        for one in suspects:
-            for other in suspects:
-                wanted = self.times[other] / self.times[one]
-                if one < other and wanted != 1 and self._is_exchange(one, other, wanted):
-                    told |= {one, other}
-                    found.append(explain_disorder((one, other)))
-        rest = [one for one in suspects if one not in told]
+        found, rest = [], self.suspects
+        for one, other in itertools.combinations(self.suspects, 2):
+            # Exchanged frames have each other's times.
+            logs, wanted = np.log(self.factors[[one, other]]), self.times[other] / self.times[one]
+            expected = math.log(wanted) * np.array([1, -1])
+            if wanted != 1 and (np.abs(logs - expected) < _EXCHANGED * np.abs(expected)).all():
+                rest = [k for k in rest if k not in (one, other)]
+                found.append(explain_disorder((one, other)))
         for one in rest:
             time, factor = self.times[one], self.factors[one]
-            words = (
-                f"frame {one + 1} has {factor:.3g} times the light of {time:.3g} s, as of "
-                f"{factor * time:.3g} s"
-            )
             cause = "it was exposed otherwise, or something changed in all of the picture"
             # The most by which a part of a period changes the light, if that goes down to 0.
             if abs(factor - 1) <= _FLICKER_MARGIN * flicker_period / (math.pi * time):
@@ -194,14 +154,11 @@ class ExposureFactors:
                     f"; or the light flickers, with a period near {flicker_period * 1e3:.3g} ms: "
                     "expose for whole periods"
                 )
-            found.append(f"{words}: {cause}")
+            found.append(
+                f"frame {one + 1} has {factor:.3g} times the light of {time:.3g} s, as of "
+                f"{factor * time:.3g} s: {cause}"
+            )
         return found
-
-    def _is_exchange(self, one: int, other: int, wanted: float) -> bool:
-        return all(
-            abs(math.log(self.factors[index] / ratio)) < _EXCHANGED * abs(math.log(ratio))
-            for index, ratio in ((one, wanted), (other, 1 / wanted))
-        )
 
 
 def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> ExposureFactors:
@@ -223,15 +180,28 @@ def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> Exposur
     ValueError
         For a single frame, and if too few pixels are bright without being clipped in two frames.
     """
-    if len(bracket.times) < 2:
+    times = bracket.times
+    if len(times) < 2:
         raise ValueError("one frame has no ratio of exposures; give two at least")
     light, clipped = _sample(bracket, pixels)
-    floors, levels = _noise(bracket)
-    disordered = _find_disorder(np.where(clipped, levels, light), floors, levels, bracket.times)
-    expected = _exchange(bracket.times, disordered)
+    # The variance without light, electrons², and the clip level, electrons.
+    floors, levels = np.zeros((2, len(times), 1))
+    for exposure in bracket.exposures:
+        floors[list(exposure.frames)] = exposure.floor * (1 + 1 / exposure.darks)
+        levels[list(exposure.frames)] = exposure.clip_level
+    shown = np.where(clipped, levels, light)
+    variance = (np.maximum(shown, 0) + floors).mean(axis=1) / shown.shape[1]
+    variance += _DRIFT**2 * floors[:, 0]
+    level = levels[:, 0]
+    disordered = find_disorder(shown.mean(axis=1) / level, np.sqrt(variance) / level, times)
+    expected = np.zeros(len(times))
+    if len(disordered) == 2:
+        one, other = disordered
+        expected[one] = math.log(times[other] / times[one])
+        expected[other] = -expected[one]
     logs = expected.copy()
     for _ in range(_ROUNDS):
-        step = _Step(light, clipped, bracket.times * np.exp(logs), floors, levels)
+        step = _Step(light, clipped, times * np.exp(logs), floors, levels)
         linked = step.linked_frames()
         change, covariance = step.solve(linked)
         logs += change
@@ -241,34 +211,14 @@ def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> Exposur
     if (linked & (np.abs(logs - expected) > _EXCHANGED * np.abs(expected)) & (expected != 0)).any():
         # Another exposure time than that of the other frame made it dark, or bright.
         disordered, logs = (), np.where(linked, logs - np.median(logs[linked]), 0.0)
-    scatter = step.scatter
+    scatter, factors = step.scatter, np.exp(logs)
     deviations = np.where(linked, np.sqrt(np.diag(covariance)) * max(1.0, scatter), math.inf)
-    found = ExposureFactors(bracket.times, np.exp(logs), deviations, scatter, step.count)
-    if len(disordered) > 2 and linked[list(disordered)].all() and not found.are_permuted:
-        # Some exposures are wrong, or the light flickers, and not the order.
-        return found
-    return replace(found, disordered=disordered)
-
-
-def _find_disorder(shown: Array, floors: Array, levels: Array, times: Array) -> tuple[int, ...]:
-    """Return frames whose mean light contradicts the order of their times.
-
-    shown: electrons, (frames, pixels), clipped as they are.
-    """
-    variance = (np.maximum(shown, 0) + floors).mean(axis=1) / shown.shape[1]
-    variance += _DRIFT**2 * floors[:, 0]
-    level = levels[:, 0]
-    return find_disorder(shown.mean(axis=1) / level, np.sqrt(variance) / level, times)
-
-
-def _exchange(times: Array, disordered: tuple[int, ...]) -> Array:
-    """Return the factors' logarithms if two frames are exchanged, else zeros."""
-    logs = np.zeros(len(times))
-    if len(disordered) == 2:
-        one, other = disordered
-        logs[one] = math.log(times[other] / times[one])
-        logs[other] = -logs[one]
-    return logs
+    if len(disordered) > 2 and linked[list(disordered)].all():
+        ratios = np.sort(times * factors) / np.sort(times)
+        if np.ptp(np.log(ratios)) >= _PERMUTED:
+            # The frames don't have each other's times: some exposures are wrong, or light flickers.
+            disordered = ()
+    return ExposureFactors(times, factors, deviations, scatter, step.count, disordered)
 
 
 def _sample(bracket: Bracket, pixels: int) -> tuple[Array, NDArray[np.bool_]]:
@@ -280,20 +230,11 @@ def _sample(bracket: Bracket, pixels: int) -> tuple[Array, NDArray[np.bool_]]:
         [bracket.electrons(index, slice(row, row + 1)) for row in chosen]
         for index in range(len(bracket.times))
     ]
-    light = np.array([np.concatenate([one for one, _ in frame]) for frame in parts])
-    clipped = np.array([np.concatenate([one for _, one in frame]) for frame in parts])
+    light, clipped = (
+        np.array([np.concatenate([one[k] for one in frame]) for frame in parts]) for k in (0, 1)
+    )
     every = max(1, light.shape[1] // pixels)
     return light[:, ::every].astype(np.float64), clipped[:, ::every]
-
-
-def _noise(bracket: Bracket) -> tuple[Array, Array]:
-    """Return the variance without light, electrons², and the clip level, electrons, (frames, 1)."""
-    floors, levels = (np.zeros((len(bracket.times), 1)) for _ in range(2))
-    for exposure in bracket.exposures:
-        indices = list(exposure.frames)
-        floors[indices] = exposure.floor * (1 + 1 / exposure.darks)
-        levels[indices] = exposure.clip_level
-    return floors, levels
 
 
 class _Step:
@@ -303,8 +244,8 @@ class _Step:
         self, light: Array, clipped: NDArray[np.bool_], times: Array, floors: Array, levels: Array
     ) -> None:
         self._light, self._times, self._floors = light, times[:, None], floors
-        rate = self._rate(np.zeros(light.shape[1]), ~clipped)
-        for _ in range(2):
+        rate = np.zeros(light.shape[1])
+        for _ in range(3):
             rate = self._rate(rate, ~clipped)
         shown = self._times * np.maximum(rate, 0)
         # Whether an exposure clips is told by the others too: its own value depends on chance.
@@ -315,18 +256,20 @@ class _Step:
         variance = shown + floors
         used &= (shown**2 / variance).max(axis=0) > _LEAST_SIGNAL**2
         residual = (light - shown) / np.sqrt(variance)
+        regular = np.ones_like(used)
+        for one, mask, row in zip(residual, used, regular, strict=True):
+            if mask.any():
+                middle = np.median(one[mask])
+                spread = max(1.0, 1.4826 * float(np.median(np.abs(one[mask] - middle))))
+                row[:] = np.abs(one - middle) < _STRAY * spread
         # Where one exposure strays, the others are compared with a wrong radiance.
-        used &= (_is_regular(residual, used) | ~used).all(axis=0) & (used.sum(0) > 1)
+        used &= (regular | ~used).all(axis=0) & (used.sum(0) > 1)
         self._shown, self._variance, self._used = shown, variance, used
         self.count = int((used.sum(0) > 1).sum())
         freedom = used.sum() - self.count - (len(times) - 1)
-        middle = np.array(
-            [
-                np.median(one[mask]) if mask.any() else 0.0
-                for one, mask in zip(residual, used, strict=True)
-            ]
-        )
-        squares = ((residual - middle[:, None]) ** 2 * used).sum()
+        pairs = zip(residual, used, strict=True)
+        middles = np.array([np.median(one[mask]) if mask.any() else 0.0 for one, mask in pairs])
+        squares = ((residual - middles[:, None]) ** 2 * used).sum()
         self.scatter = math.sqrt(squares / freedom) if freedom > 0 else 1.0
 
     def _rate(self, rate: Array, used: NDArray[np.bool_]) -> Array:
@@ -363,14 +306,3 @@ class _Step:
         few = np.ix_(linked, linked)
         covariance[few] = np.linalg.pinv(matrix[few], rcond=1e-10, hermitian=True)
         return np.clip(covariance @ slope.sum(1), -0.7, 0.7), covariance
-
-
-def _is_regular(residual: Array, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where residuals are near their frame's median, in robust deviations."""
-    kept = np.ones_like(used)
-    for one, mask, row in zip(residual, used, kept, strict=True):
-        if mask.any():
-            middle = np.median(one[mask])
-            spread = max(1.0, 1.4826 * float(np.median(np.abs(one[mask] - middle))))
-            row[:] = np.abs(one - middle) < _STRAY * spread
-    return kept

@@ -22,19 +22,12 @@ from optics.measuring import Registration, RigidMotion, register_pictures
 Levels = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+# Pixels at the corners (sampling allows half of one) and deviations, if moved; chosen
 _NOTABLE, _SURE = 0.5, 5.0
-"""Distance at the corners in pixels, and standard deviations, from which on a frame has moved.
-Chosen: half a pixel is what sampling allows by itself."""
-
-_LEAST = 0.05
-"""Distance at the corners in pixels from which on aligning a frame gains. Chosen."""
-
+_LEAST = 0.05  # pixels at the corners from which on aligning a frame gains; chosen
+# Pixels of a frame; larger ones are averaged, and corners still known to .1 pixel; chosen
 _MOST = 1_000_000
-"""Pixels of a frame that are compared: larger ones are averaged down. Chosen: their corners are
-still known to .1 pixel."""
-
-_BINS = 4
-"""Bins of a histogram for each level. Chosen: levels of 8-bit pictures are whole."""
+_BINS = 4  # of a histogram for each level: those of 8-bit pictures are whole; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +51,16 @@ class FrameMotions:
     @property
     def moved(self) -> list[int]:
         """Return the indices of frames that surely moved."""
-        pairs = enumerate(zip(self.distances, self.deviations, strict=True))
-        return [k for k, (far, deviation) in pairs if _is_moved(far, deviation)]
+        return self._farther_than(_NOTABLE)
 
     @property
     def shifted(self) -> list[int]:
         """Return the indices of frames that gain by being aligned, even if they moved little."""
+        return self._farther_than(_LEAST)
+
+    def _farther_than(self, least: float) -> list[int]:
         pairs = enumerate(zip(self.distances, self.deviations, strict=True))
-        return [k for k, (far, deviation) in pairs if far > max(_LEAST, _SURE * deviation)]
+        return [k for k, (far, deviation) in pairs if far > max(least, _SURE * deviation)]
 
     @property
     def lost(self) -> list[int]:
@@ -101,22 +96,26 @@ def find_motions(
         side = period * math.ceil(math.sqrt(math.prod(shape) / _MOST) / period)
         levels.append([_averaged(band, side) for band in bands])
         clipped.append([_averaged(mask, side) > 0 for mask in masks])
-    found = _find_motions(levels, clipped)
-    return found if side == 1 else _enlarged(found, side, shape)
-
-
-def _find_motions(
-    frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]]
-) -> FrameMotions:
-    """Return how frames moved, by neighbours in brightness."""
-    shape = (int(frames[0][0].shape[0]), int(frames[0][0].shape[1]))
-    order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
-    motions, deviations = [RigidMotion()], [0.0]
+    order = np.argsort([np.mean([band.mean() for band in one]) for one in levels], kind="stable")
+    # Motions against the darkest frame, by neighbours in brightness.
+    chain, links = [RigidMotion()], [0.0]
     for darker, brighter in itertools.pairwise(order):
-        found = _register_pair(frames[darker], frames[brighter], clipped[darker], clipped[brighter])
-        motions.append(found.motion.after(motions[-1]))
-        deviations.append(found.deviation)
-    return _against_reference(motions, deviations, order, shape)
+        found = _register_pair(levels[darker], levels[brighter], clipped[darker], clipped[brighter])
+        chain.append(found.motion.inverse().after(chain[-1]))
+        links.append(found.deviation)
+    best, spread = _reference(chain, links, levels[0][0].shape)
+    # Of frames that were averaged down, the middle of what was averaged, from that of the frame.
+    middle = np.array([(n // side * side - n) / 2 for n in shape])
+    motions, deviations = [RigidMotion()] * len(chain), [math.inf] * len(chain)
+    back = chain[best].inverse()
+    for place, number in enumerate(order):
+        if math.isfinite(spread[place]):
+            one = chain[place].after(back)
+            if side > 1:
+                shift = side * one.shift + middle - one.matrix @ middle
+                one = RigidMotion(one.turn, float(shift[0]), float(shift[1]))
+            motions[number], deviations[number] = one, side * float(spread[place])
+    return FrameMotions(int(order[best]), tuple(motions), tuple(deviations), shape)
 
 
 def _averaged(band: NDArray[Any], side: int) -> NDArray[np.float32]:
@@ -128,25 +127,13 @@ def _averaged(band: NDArray[Any], side: int) -> NDArray[np.float32]:
     return np.asarray(parts.mean(axis=(1, 3), dtype=np.float32))
 
 
-def _enlarged(small: FrameMotions, side: int, shape: tuple[int, int]) -> FrameMotions:
-    """Convert motions of frames that were averaged down to those of the frames themselves."""
-    # The middle of what was averaged, from that of the frame.
-    middle = np.array([(n // side * side - n) / 2 for n in shape])
-    motions = []
-    for one in small.motions:
-        shift = side * one.shift + middle - one.matrix @ middle
-        motions.append(RigidMotion(one.turn, float(shift[0]), float(shift[1])))
-    deviations = tuple(side * one for one in small.deviations)
-    return FrameMotions(small.reference, tuple(motions), deviations, shape)
-
-
 def _register_pair(
     darker: Sequence[Levels],
     brighter: Sequence[Levels],
     darker_clipped: Sequence[Mask],
     brighter_clipped: Sequence[Mask],
 ) -> Registration:
-    """Return how the brighter of two frames moved against the darker one."""
+    """Return how the darker of two frames moved against the brighter one."""
     # Numbers of 0 are clipped, too, or those of a border that was filled.
     valid = [~one & (levels > 0) for one, levels in zip(brighter_clipped, brighter, strict=True)]
     fixed, moving = [], []
@@ -156,61 +143,43 @@ def _register_pair(
         top = brought[mask].max(initial=0)
         fixed.append(np.minimum(brought, top))
         moving.append(np.minimum(dark, top))
-    found = register_pictures(fixed, moving, valid, [~one for one in darker_clipped])
-    return Registration(found.motion.inverse(), found.deviation)
+    return register_pictures(fixed, moving, valid, [~one for one in darker_clipped])
 
 
 def _with_histogram_of(levels: Levels, other: Levels) -> Levels:
     """Exchange a frame's levels for those that as many pixels of another have."""
-    own, theirs = (
-        np.bincount(np.clip(one.ravel() * _BINS, 0, 256 * _BINS - 1).astype(np.intp),
-                    minlength=256 * _BINS)
-        for one in (levels, other)
-    )  # fmt: skip
+    count = 256 * _BINS
+    place, others = (np.clip(one * _BINS, 0, count - 1).astype(np.intp) for one in (levels, other))
+    own, theirs = (np.bincount(one.ravel(), minlength=count) for one in (place, others))
     # The mean of their levels between the ranks of each level's first and last pixel.
     ranks = np.concatenate([[0], np.cumsum(own)])
-    value = (np.arange(256 * _BINS) + 0.5) / _BINS
+    value = (np.arange(count) + 0.5) / _BINS
     theirs_ranks = np.concatenate([[0], np.cumsum(theirs)])
     theirs_sums = np.concatenate([[0], np.cumsum(theirs * value)])
     sums = np.interp(ranks, theirs_ranks, theirs_sums)
     seen = own > 0
     table = np.interp(value, value[seen], np.diff(sums)[seen] / own[seen])
-    place = np.clip(levels * _BINS, 0, 256 * _BINS - 1).astype(np.intp)
     return np.asarray(table[place], dtype=np.float32)
 
 
-def _against_reference(
-    chain: Sequence[RigidMotion],
-    links: Sequence[float],
-    order: NDArray[np.intp],
-    shape: tuple[int, int],
-) -> FrameMotions:
-    """Return motions against the frame that most others stand still with.
+def _reference(
+    chain: Sequence[RigidMotion], links: Sequence[float], shape: tuple[int, ...]
+) -> tuple[int, NDArray[np.float64]]:
+    """Return the place in a chain that most others stand still with, and the others' deviations.
 
-    chain: motions of the frames against the darkest one, in the order of brightness. links:
-    standard deviations of each against the one before.
+    links: standard deviations of each against the one before. Deviations are infinite where a link
+    is.
     """
-    count = len(order)
+    count = len(chain)
     away, spread = np.zeros((count, count)), np.full((count, count), math.inf)
-    for one in range(count):
-        for other in range(count):
-            away[one, other] = chain[one].corner_distance(chain[other], shape)
-            low, high = sorted((one, other))
-            if all(math.isfinite(link) for link in links[low + 1 : high + 1]):
-                spread[one, other] = math.sqrt(sum(link**2 for link in links[low + 1 : high + 1]))
+    for one, other in np.ndindex(count, count):
+        away[one, other] = chain[one].corner_distance(chain[other], shape)
+        low, high = sorted((one, other))
+        if all(math.isfinite(link) for link in links[low + 1 : high + 1]):
+            spread[one, other] = math.sqrt(sum(link**2 for link in links[low + 1 : high + 1]))
     linked = np.isfinite(spread)
     still = linked & (away <= _NOTABLE)
     # Of frames with as many still ones, and as many linked ones, the best known is the reference.
     known = -np.where(linked, spread, 0.0).sum(axis=1)
     best = int(np.lexsort((known, linked.sum(axis=1), still.sum(axis=1)))[-1])
-    motions, deviations = [RigidMotion()] * count, [math.inf] * count
-    back = chain[best].inverse()
-    for place in range(count):
-        if linked[best, place]:
-            motions[order[place]] = chain[place].after(back)
-            deviations[order[place]] = float(spread[best, place])
-    return FrameMotions(int(order[best]), tuple(motions), tuple(deviations), shape)
-
-
-def _is_moved(far: Any, deviation: Any) -> Any:
-    return (far > _NOTABLE) & (far > _SURE * deviation)
+    return best, spread[best]

@@ -1,26 +1,28 @@
 """Merge the frames of an exposure bracket into radiance with variance and state.
 
-The few pixels that a mean isn't right for are settled together.
+The few pixels that a mean isn't right for are settled together. Last, the time that this takes.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.accuracy import MachineSpeed
 from optics.hdr.bracket import Bracket
 from optics.hdr.clip_levels import ClipLevel, add_near_clipping
 from optics.hdr.weighted_mean import (
     METHODS,
     Array,
     Indices,
-    Mask,
     Method,
     Samples,
     WeightedMean,
@@ -70,7 +72,7 @@ class RadianceEstimate(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Doubts:
+class _Doubts:
     """Pixels for which a weighted mean may be wrong.
 
     indices: where they are. sure: their samples, without exposures that may be clipped. near: for
@@ -84,105 +86,70 @@ class Doubts:
     moved: Indices
 
 
-def find_doubts(
+def _find_doubts(
     samples: Samples,
     mean: WeightedMean,
     contradiction: Array,
     levels: list[ClipLevel],
     first: int,
-) -> Doubts:
+) -> _Doubts:
     """Return the pixels for which the mean may be wrong.
 
     contradiction: chi squared of the mean. first: index of the samples' first pixel.
     """
-    few = np.flatnonzero(
-        may_contradict(contradiction, len(levels)) | _near_clipping(samples, mean.rate, levels)
-    )
+    doubtful = may_contradict(contradiction, len(levels))
+    for level, time in zip(levels[1:], samples.times[1:], strict=True):
+        # A frame may clip, and isn't sure to; or clips, and can't.
+        may_clip = mean.rate >= level.lowest
+        doubtful |= may_clip == level.all_open(time)
+        doubtful |= may_clip & (mean.rate < level.highest)
+        if len(level.exposure.frames) > 1:
+            doubtful |= may_clip & (time > 0)
+    few = np.flatnonzero(doubtful)
     part, rate = samples.part(few), mean.rate[few]
     may_clip, near, moved = np.zeros((3, *part.rates.shape), dtype=bool)
     for number, level in enumerate(levels[1:], 1):
         time = part.times[number]
         may_clip[number] = rate >= level.lowest
         near[number] = may_clip[number] & ((time > 0) | (rate < level.highest))
-        moved[number] = ~(may_clip[number] | _all_open(level, time))
+        moved[number] = ~(may_clip[number] | level.all_open(time))
     indices = first + few
-    return Doubts(
-        indices,
-        part.without(may_clip),
-        [indices[one] for one in near[1:]],
-        indices[moved.any(axis=0)],
-    )
+    sure = part.without(may_clip)
+    return _Doubts(indices, sure, [indices[one] for one in near[1:]], indices[moved.any(axis=0)])
 
 
-def _near_clipping(samples: Samples, rate: Array, levels: list[ClipLevel]) -> Mask:
-    """Return where a frame may clip, and isn't sure to; or clips, and can't."""
-    found = np.zeros(rate.shape, dtype=bool)
-    for level, time in zip(levels[1:], samples.times[1:], strict=True):
-        may_clip = rate >= level.lowest
-        found |= may_clip == _all_open(level, time)
-        found |= may_clip & (rate < level.highest)
-        if len(level.exposure.frames) > 1:
-            found |= may_clip & (time > 0)
-    return found
-
-
-def _all_open(level: ClipLevel, time: Array) -> Mask:
-    """Return where no frame of a level is clipped; time: that of its open frames."""
-    return time > (len(level.exposure.frames) - 0.5) * level.exposure.time
-
-
-def join_doubts(found: list[Doubts]) -> Doubts:
-    """Join the doubtful pixels of several parts."""
-    return Doubts(
-        np.concatenate([one.indices for one in found]),
-        join_samples([one.sure for one in found]),
-        [np.concatenate(every) for every in zip(*(one.near for one in found), strict=True)],
-        np.concatenate([one.moved for one in found]),
-    )
-
-
-def settle_doubts(
-    doubts: Doubts, mean: WeightedMean, levels: list[ClipLevel], rows: slice
+def _settle_doubts(
+    parts: list[_Doubts], mean: WeightedMean, levels: list[ClipLevel], rows: slice
 ) -> Indices:
-    """Merge doubtful pixels again, in place; return those in which something moved.
+    """Merge doubtful pixels of all parts again, in place; return those in which something moved.
 
-    rows: of the frames that the mean is of. Exposures that may be clipped follow in the order of
-    their times.
+    First by what is sure and doesn't contradict; exposures that may be clipped follow in the order
+    of their times. rows: of the frames that the mean is of.
     """
-    moved = [doubts.moved, _merge_sure(doubts, mean)]
-    for level, near in zip(levels[1:], doubts.near, strict=True):
+    moved = [one.moved for one in parts]
+    indices = np.concatenate([one.indices for one in parts])
+    sure = join_samples([one.sure for one in parts])
+    if indices.size:
+        again, contradiction = mean_and_contradiction(sure, mean.rate[indices])
+        few = np.flatnonzero(may_contradict(contradiction, len(levels)))
+        found, out = leave_out(sure.part(few), WeightedMean(*(one[few] for one in again)))
+        for whole, one, better in zip(mean, again, found, strict=True):
+            one[few] = better
+            whole[indices] = one
+        moved.append(indices[few[out]])
+    for level, each in zip(levels[1:], zip(*(one.near for one in parts), strict=True), strict=True):
+        near = np.concatenate(each)
         seen = near[mean.information[near] > 0]
         if seen.size:
             moved.append(seen[add_near_clipping(level, rows, seen, mean)])
     return np.concatenate(moved)
 
 
-def _merge_sure(doubts: Doubts, mean: WeightedMean) -> Indices:
-    """Merge doubtful pixels again, in place, by what is sure and doesn't contradict.
-
-    Returns those in which exposures were left out.
-    """
-    if not doubts.indices.size:
-        return doubts.indices
-    again, contradiction = mean_and_contradiction(doubts.sure, mean.rate[doubts.indices])
-    few = np.flatnonzero(may_contradict(contradiction, len(doubts.sure.exposures)))
-    found, out = leave_out(doubts.sure.part(few), WeightedMean(*(one[few] for one in again)))
-    for whole, one, better in zip(mean, again, found, strict=True):
-        one[few] = better
-        whole[doubts.indices] = one
-    return doubts.indices[few[out]]
-
-
+# Pixels that are averaged together, in a core's memory: 2¹⁴ to 2¹⁶ take the same time
 _TILE = 1 << 15
-"""Pixels that are averaged together: so few that their numbers stay in a core's memory. 2¹⁴ to 2¹⁶
-take the same time."""
-
+# Pixels whose doubtful ones are settled together: enough for each call of numpy; chosen
 _BLOCK = 1 << 19
-"""Pixels whose doubtful ones are settled together: so many that each call of numpy has enough to
-do. Chosen."""
-
-_DARK = 3.0
-"""Standard deviations of its noise below which a pixel counts as dark."""
+_DARK = 3.0  # standard deviations of its noise below which a pixel counts as dark
 
 
 def merge(
@@ -225,7 +192,7 @@ def merge(
     if defects is not None and defects.shape != bracket.shape:
         raise ValueError(f"defects are {defects.shape} and the frames {bracket.shape} pixels")
     rows, columns = bracket.shape
-    rate, variance = (np.empty(bracket.shape, np.float32) for _ in range(2))
+    rate, variance = np.empty((2, *bracket.shape), np.float32)
     state = np.empty(bracket.shape, np.uint8)
     levels = [ClipLevel(bracket, number) for number in range(len(bracket.exposures))]
     step = max(1, _BLOCK // columns)
@@ -244,8 +211,8 @@ def merge(
 
 def _merge_rows(
     bracket: Bracket, rows: slice, method: Method, levels: list[ClipLevel], mean: WeightedMean
-) -> Indices | None:
-    """Write the mean of the pixels in some rows; return where something moved, if that's known.
+) -> Indices:
+    """Write the mean of the pixels in some rows; return where something is known to have moved.
 
     mean: is overwritten.
     """
@@ -260,8 +227,8 @@ def _merge_rows(
         tile, contradiction = _mean(samples, method)
         mean.rate[here], mean.information[here] = tile
         if contradiction is not None:
-            doubts.append(find_doubts(samples, tile, contradiction, levels, here.start))
-    return settle_doubts(join_doubts(doubts), mean, levels, rows) if doubts else None
+            doubts.append(_find_doubts(samples, tile, contradiction, levels, here.start))
+    return _settle_doubts(doubts, mean, levels, rows) if doubts else np.array([], np.intp)
 
 
 def _mean(samples: Samples, method: Method) -> tuple[WeightedMean, Array | None]:
@@ -277,7 +244,7 @@ def _mean(samples: Samples, method: Method) -> tuple[WeightedMean, Array | None]
     return mean_by_variance(samples, first), None
 
 
-def _states(mean: WeightedMean, may_clip: np.float32, moved: Indices | None) -> NDArray[np.uint8]:
+def _states(mean: WeightedMean, may_clip: np.float32, moved: Indices) -> NDArray[np.uint8]:
     """Return the states of pixels; moved: indices of those that contradict themselves."""
     state = np.full(mean.rate.shape, int(VALID), dtype=np.uint8)
     significance = np.abs(mean.rate)
@@ -285,7 +252,77 @@ def _states(mean: WeightedMean, may_clip: np.float32, moved: Indices | None) -> 
     significance *= mean.information
     state[significance < _DARK**2] = DARK
     state[mean.rate > may_clip] = MAY_CLIP
-    if moved is not None:
-        state[moved] = MOVED
+    state[moved] = MOVED
     state[~(mean.information > 0)] = CLIPPED
     return state
+
+
+_PIXEL_TOUCHES = 32.0
+"""Passes over a pixel that any merge takes, in units of `MachineSpeed.touch`. Measured on brackets
+of two to eight frames."""
+
+_FRAME_TOUCHES = MappingProxyType({"plain": 3.0, "Poisson": 3.0, "Granados": 4.5, "full": 12.0})
+"""Passes for each frame, by method. Measured likewise."""
+
+_CLIPPING_CALLS = 100.0
+"""Time to find an exposure's estimate near its clip level, in units of `MachineSpeed.call`; for all
+but the shortest, in the method "full". Measured."""
+
+
+def merge_seconds(bracket: Bracket, method: Method, speed: MachineSpeed) -> float:
+    """Predict the processor time that merging takes, seconds.
+
+    Parameters
+    ----------
+    bracket : Bracket
+        Its size and exposures count.
+    method : str
+        How exposures are weighted.
+    speed : MachineSpeed
+        Of the machine at hand.
+    """
+    pixels = math.prod(bracket.shape)
+    touches = pixels * (_PIXEL_TOUCHES + _FRAME_TOUCHES[method] * len(bracket.times))
+    calls = _CLIPPING_CALLS * (len(bracket.exposures) - 1) if method == "full" else 1.0
+    return touches * speed.touch + calls * speed.call
+
+
+def choose_method(
+    bracket: Bracket, budget: float, speed: MachineSpeed | None = None, bands: int = 1
+) -> Method:
+    """Choose the best way to merge that fits a time.
+
+    Parameters
+    ----------
+    bracket : Bracket
+        To be merged.
+    budget : float
+        Processor seconds, positive.
+    speed : MachineSpeed, optional
+        Of the machine at hand; by default that of a server.
+    bands : int, default 1
+        Number of such brackets that the budget is for.
+
+    Returns
+    -------
+    str
+        The last of `METHODS` that fits.
+
+    Raises
+    ------
+    ValueError
+        For a budget that isn't positive, or in which no method fits; the message names the least
+        one that would do.
+    """
+    if not 0 < budget < math.inf:
+        raise ValueError(f"budget is {budget:g} s; give a positive number of seconds")
+    speed = speed or MachineSpeed()
+    seconds = {one: bands * merge_seconds(bracket, one, speed) for one in METHODS}
+    fitting = [one for one in METHODS if seconds[one] <= budget]
+    if not fitting:
+        least = min(seconds, key=seconds.__getitem__)
+        raise ValueError(
+            f"budget is {budget:g} s; merging takes {seconds[least]:.2g} s at least, by the method "
+            f"{least}"
+        )
+    return fitting[-1]

@@ -1,4 +1,9 @@
-"""Meter a scene: find the range of its pixels' rates, and where they clip, by few frames."""
+"""Meter a scene: find the range of its pixels' rates, and where they clip, by few frames.
+
+Noise makes the numbers of a frame vary more than the light does, above all in the dark. The
+distribution of rates whose noisy numbers are the likeliest is found by expectation-maximisation
+(Laird, JASA 73, 805, 1978, doi 10.1080/01621459.1978.10480103): no shape is assumed.
+"""
 
 from __future__ import annotations
 
@@ -8,42 +13,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from optics.camera import Sensor
-from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
-from optics.hdr.exposure_snr import ExposureSNR, from_decibels
-from optics.hdr.rate_distribution import RateDistribution, rate_distribution
+from optics.hdr.exposures import AllowedTimes, ExposureLimits, ExposureSNR, from_decibels
 from optics.measuring.spots import frame_variance, without_hot_pixels
 from optics.sensor.pile import top_pile
 from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
 
+# Share of the range below the largest number that counts as the brightest; chosen
 _BRIGHTEST = 0.01
-"""Share of the range below the largest number in which pixels count as the brightest. Chosen."""
-
+# Brightest light by the shorter exposure over the longer one's: lamps vary less; chosen
 _MISSED = 1.02
-"""Light by the shorter exposure over that of the longer one, of the brightest pixels, from which on
-these are clipped. Chosen: lamps vary by less from frame to frame."""
-
-_SIGMAS = 3.0
-"""Deviations by which light must be missed to be missed. Chosen."""
-
+_SIGMAS = 3.0  # deviations by which light must be missed to be missed; chosen
+# Three deviations of that ratio up to which it proves pixels not to be clipped; chosen
 _PRECISE = 0.03
-"""Three deviations of that ratio up to which it proves that pixels aren't clipped. Chosen."""
-
-_APART = 1.25
-"""Ratio of two exposures from which on they are compared. Chosen."""
-
+_APART = 1.25  # ratio of two exposures from which on they are compared; chosen
+# Range of another frame's numbers over this one's that proves this isn't clipped; chosen
 _HIGHER = 1.1
-"""Range of numbers of any frame over that of another one from which on the camera goes on above the
-other's, so that this isn't clipped. Chosen."""
-
-_LEAST_ROOM = 8.0
-"""Numbers above the black level that a clip level must lie, at least. Chosen."""
+_LEAST_ROOM = 8.0  # numbers above the black level that a clip level must lie, at least; chosen
 
 
-def untold_clip_level(frames: Mapping[float, Array], sensor: Sensor) -> int | None:
+def _untold_clip_level(frames: Mapping[float, Array], sensor: Sensor) -> int | None:
     """Return the number at which pixels clip below the sensor's full scale; None if none is seen.
 
     frames: numbers of one scene by exposure time in seconds. Pixels clip where a shorter exposure
@@ -56,95 +49,134 @@ def untold_clip_level(frames: Mapping[float, Array], sensor: Sensor) -> int | No
         top = float(frame.max())
         if not sensor.black_level + _LEAST_ROOM <= top < sensor.full_scale:
             continue
-        shorter = [one for one in frames if one * _APART <= time]
-        told = [_missed_light(frames, one, time, sensor) for one in shorter]
+        told = _missed_light(frames, time, sensor)
         piled = top == highest and top_pile(frame) is not None
         if piled or any(missed > _MISSED + _SIGMAS * sigma for missed, sigma in told):
             found.append(int(top))
     return min(found, default=None)
 
 
-def is_surely_open(frames: Mapping[float, Array], time: float, sensor: Sensor) -> bool:
-    """Return whether frames of one scene prove that one of them isn't clipped.
+def _is_surely_open(frames: Mapping[float, Array], time: float, sensor: Sensor) -> bool:
+    """Return whether frames of one scene prove that the one of a time isn't clipped.
 
-    They do if another one has larger numbers, or if a shorter exposure says the same light. time:
-    that of the frame in question, seconds.
+    They do if another one has larger numbers, or if a shorter exposure says the same light.
     """
     room = float(frames[time].max()) - sensor.black_level
     highest = max(float(frame.max()) for frame in frames.values()) - sensor.black_level
     if highest > _HIGHER * max(room, 0.0):
         return True
-    shorter = [one for one in frames if one * _APART <= time]
-    told = (_missed_light(frames, one, time, sensor) for one in shorter)
+    told = _missed_light(frames, time, sensor)
     return any(missed <= _MISSED and _SIGMAS * sigma < _PRECISE for missed, sigma in told)
 
 
 def _missed_light(
-    frames: Mapping[float, Array], short: float, long: float, sensor: Sensor
-) -> tuple[float, float]:
-    """Return a frame's brightest light by a shorter frame over its own, and the ratio's deviation.
+    frames: Mapping[float, Array], long: float, sensor: Sensor
+) -> list[tuple[float, float]]:
+    """Return a frame's brightest light by each shorter frame over its own, and its deviation.
 
     The brightest pixels are chosen by the longer exposure, so that chance makes the ratio too
     small, if anything: where pixels clip, there is no chance in it.
     """
-    frame, black = frames[long], sensor.black_level
-    room = float(frame.max()) - black
-    brightest = frame >= frame.max() - _BRIGHTEST * room
-    own = float(frame[brightest].mean()) - black
-    before = float(frames[short][brightest].mean()) - black
-    electrons = max(before, 0.0) * sensor.gain
-    variance = (electrons + sensor.read_noise**2) / sensor.gain**2 + 1 / 12
-    deviation = math.sqrt(variance / np.count_nonzero(brightest))
-    ratio = long / short / own
-    return before * ratio, deviation * ratio
+    found = []
+    for short in (one for one in frames if one * _APART <= long):
+        frame, black = frames[long], sensor.black_level
+        brightest = frame >= frame.max() - _BRIGHTEST * (float(frame.max()) - black)
+        own = float(frame[brightest].mean()) - black
+        before = float(frames[short][brightest].mean()) - black
+        electrons = max(before, 0.0) * sensor.gain
+        variance = (electrons + sensor.read_noise**2) / sensor.gain**2 + 1 / 12
+        deviation = math.sqrt(variance / np.count_nonzero(brightest))
+        ratio = long / short / own
+        found.append((before * ratio, deviation * ratio))
+    return found
 
 
-@dataclass(frozen=True)
-class MeteringSettings:
-    """Tune the metering of a scene; all values are chosen.
+_PER_DECADE = 120  # rates for each factor of ten, 2 % from one to the next; chosen
+_BIN = 0.5  # standard deviations of noise: width of the bins of numbers; chosen
+_DARKEST = 0.3  # deviations of noise without light: rates below tell hardly anything; chosen
+_EM_STEPS = 150  # the 1 % quantile is right to 4 % at twice the noise, to 20 % at the noise; chosen
 
-    dark_share: share of the pixels that are darker than the dark end of the range.
-    shorter, longer: factors to the next exposure where pixels are clipped, and where nothing is
-        seen. A frame of 12 bits tells the brightest light over a range of about 50.
-    seen_snr, told_snr: signal over noise of a pixel from which on it counts as seen, and from which
-        on an exposure is derived from it.
-    rough_snr: that of the brightest pixels from which on they are known well enough if the dark end
-        of the range doesn't follow from them.
-    bright_snr, dark_snr: that of the pixels from which the dark end follows, the brightest or the
-        darkest, from which on they are known well enough: at least, and where it takes little of
-        the bracket's time.
-    effort: part of the bracket's time that is little.
-    most_fill: part of the range below clipping that the brightest pixels shall fill.
-    hot_share: share of pixels that look hot beyond which none is left out as such.
-    proof: factors to the exposure that shall prove pixels not to be clipped.
-    proof_light: electrons of the brightest pixels from which on the shorter one tells their light
-        to 3 %.
-    most_frames: frames at most.
+
+@dataclass(frozen=True, eq=False)
+class RateDistribution:
+    """Distribution of the rates of a frame's pixels.
+
+    rates: electrons per second, ascending; the first stands for all that the frame can't tell from
+    darkness, the last for all that may be clipped. shares: of the pixels.
     """
 
-    dark_share: float = 0.01
-    shorter: float = 1 / 32
-    longer: float = 8.0
-    seen_snr: float = 3.0
-    told_snr: float = 0.7
-    rough_snr: float = 8.0
-    bright_snr: tuple[float, float] = (20.0, 60.0)
-    dark_snr: tuple[float, float] = (1.5, 4.0)
-    effort: float = 0.03
-    most_fill: float = 0.5
-    hot_share: float = 1e-3
-    proof: tuple[float, float] = (0.5, 2.0)
-    proof_light: float = 10_000.0
-    most_frames: int = 10
+    rates: Array
+    shares: Array
+
+    def quantile(self, share: float) -> float:
+        """Return the rate below which a share of the pixels lies, electrons/s."""
+        below = np.cumsum(self.shares)
+        # Each rate stands for those half a step around it.
+        middle = np.sqrt(self.rates[1:] * self.rates[:-1])
+        return float(np.exp(np.interp(share, below[:-1], np.log(middle))))
+
+    @property
+    def is_clipped(self) -> bool:
+        """Whether one pixel or more may be clipped in the frame."""
+        return bool(self.shares[-1] > 0)
 
 
-SETTINGS = MeteringSettings()
+def rate_distribution(
+    numbers: NDArray[np.generic], time: float, sensor: Sensor
+) -> RateDistribution:
+    """Estimate the distribution of rates from the numbers of a frame's pixels.
 
-_ENOUGH = 0.7
-"""Part of what metering wants with which no other frame is taken. Chosen."""
+    numbers: digital numbers, of any shape.
+    time: exposure time, seconds.
+    """
+    flat, gain = np.asarray(numbers, dtype=np.float64).ravel(), sensor.gain
+    light = (flat - sensor.black_level) * gain - sensor.dark_current * time
+    clipped = flat >= sensor.full_scale
+    floor = ExposureSNR(sensor).floor(time)
+    top = (sensor.full_scale - 0.5 - sensor.black_level) * gain
+    top = max(top - sensor.dark_current * time, gain)
+    # Bins lie between digital numbers.
+    bounds = [float(light.min()) - gain / 2]
+    while bounds[-1] < top:
+        noise = math.sqrt(max(bounds[-1], 0.0) + floor)
+        bounds.append(bounds[-1] + gain * max(1, int(_BIN * noise / gain)))
+    edges = np.array(bounds)
+    counts = np.histogram(light[~clipped], edges)[0].astype(np.float64)
+    darkest = min(_DARKEST * math.sqrt(floor), 0.1 * top)
+    steps = math.ceil(math.log10(top / darkest) * _PER_DECADE)
+    levels = np.geomspace(darkest, top, steps)
+    chance = np.diff(ndtr((edges - levels[:, None]) / np.sqrt(levels + floor)[:, None]), axis=1)
+    # The shares of rates that make the frame's numbers the likeliest.
+    shares = np.zeros(steps)
+    if counts.any():
+        seen, chance = counts[counts > 0] / counts.sum(), chance[:, counts > 0]
+        shares = np.full(steps, 1 / steps)
+        for _ in range(_EM_STEPS):
+            shares = shares * (chance @ (seen / np.maximum(shares @ chance, 1e-300)))
+            shares /= shares.sum()
+    # Clipped pixels stand one step above the brightest rate that isn't clipped.
+    rates = np.append(levels, top * 10 ** (1 / _PER_DECADE)) / time
+    share = float(clipped.mean())
+    return RateDistribution(rates, np.append(shares * (1 - share), share))
 
-_BEYOND = 1.2
-"""Light of a metering exposure over what its rate needs. Chosen: its rate isn't known well yet."""
+
+_DARK_SHARE = 0.01
+# Next exposure where pixels clip, where nothing is seen; 12 bits tell a range of 50
+_SHORTER, _LONGER = 1 / 32, 8.0
+_SEEN_SNR, _TOLD_SNR = 3.0, 0.7  # of a pixel that counts as seen; from which an exposure is derived
+_ROUGH_SNR = 8.0  # of the brightest pixels, where the dark end doesn't follow from them
+# Of the brightest pixels, if the dark end follows: at least, and at little effort
+_BRIGHT_SNR = (20.0, 60.0)
+_DARK_SNR = (1.5, 4.0)  # the same of the darkest pixels
+_EFFORT = 0.03  # part of the bracket's time that is little
+_MOST_FILL = 0.5  # part of the range below clipping that the brightest pixels shall fill
+_HOT_SHARE = 1e-3  # of pixels that look hot, beyond which none is left out as such
+_PROOF = (0.5, 2.0)  # factors to the exposure that shall prove pixels not to be clipped
+# Electrons of the brightest pixels, whose light the shorter one tells to 3 %
+_PROOF_LIGHT = 10_000.0
+_MOST_FRAMES = 10  # of a metering
+_ENOUGH = 0.7  # part of what metering wants with which no other frame is taken
+_BEYOND = 1.2  # light of an exposure over what its rate needs, which isn't known well yet
 
 
 @dataclass(frozen=True)
@@ -208,16 +240,14 @@ class Meter:
         self._described, self._is_clip_told = sensor, is_clip_told
         self._clip_level: int | None = None
         self._decades = decades
-        self._frames: dict[float, NDArray[np.float64]] = {}
+        self._frames: dict[float, Array] = {}
         self._seen: dict[float, RateDistribution] = {}
         self._may_have_hot_pixels = True
-        self._pixels = 1
         self._noise = ExposureSNR(sensor)
         wanted = from_decibels(snr_db)
-        self._dark_snr = self._affordable_snr(wanted, 1.0, SETTINGS.dark_snr)
-        self._bright_snr = SETTINGS.rough_snr
+        self._dark_snr, self._bright_snr = self._affordable_snr(wanted, 1.0, _DARK_SNR), _ROUGH_SNR
         if decades is not None:
-            self._bright_snr = self._affordable_snr(wanted, 10**decades, SETTINGS.bright_snr)
+            self._bright_snr = self._affordable_snr(wanted, 10**decades, _BRIGHT_SNR)
         self._times: list[float] = []
         self.next_time: float | None = self._nearest(first)
 
@@ -229,12 +259,19 @@ class Meter:
         """
         require_unmasked(numbers)
         self._frames[time] = np.asarray(numbers, dtype=np.float64)
-        self._pixels = self._frames[time].size
         self._times.append(time)
         self._look_at(time)
-        self._find_clip_level()
+        # Where pixels clip if nobody told; if that has changed, all frames look otherwise.
+        level = None if self._is_clip_told else _untold_clip_level(self._frames, self._described)
+        if level != self._clip_level:
+            self._clip_level, self._sensor = level, self._described
+            if level is not None:
+                self._sensor = replace(self._described, clip_level=level)
+            self._noise = ExposureSNR(self._sensor)
+            for one in self._frames:
+                self._look_at(one)
         wanted = self._time_for_bright() or self._time_for_dark() or self._time_for_proof()
-        done = len(self._times) >= SETTINGS.most_frames or wanted in self._seen
+        done = len(self._times) >= _MOST_FRAMES or wanted in self._seen
         self.next_time = None if done else wanted
         if self.next_time is None:
             self._require_seen()
@@ -244,7 +281,7 @@ class Meter:
         numbers = self._frames[time]
         if self._may_have_hot_pixels:
             clean = without_hot_pixels(numbers, frame_variance(numbers, self._sensor))
-            if (clean != numbers).mean() > max(SETTINGS.hot_share, 2 * self._sensor.hot):
+            if (clean != numbers).mean() > max(_HOT_SHARE, 2 * self._sensor.hot):
                 self._may_have_hot_pixels = False
                 for one in self._frames:
                     self._look_at(one)
@@ -252,33 +289,22 @@ class Meter:
             numbers = clean
         self._seen[time] = rate_distribution(numbers, time, self._sensor)
 
-    def _find_clip_level(self) -> None:
-        """Look where pixels clip if nobody told, and at all frames again if that has changed."""
-        level = None if self._is_clip_told else untold_clip_level(self._frames, self._described)
-        if level == self._clip_level:
-            return
-        self._clip_level, self._sensor = level, self._described
-        if level is not None:
-            self._sensor = replace(self._described, clip_level=level)
-        self._noise = ExposureSNR(self._sensor)
-        for one in self._frames:
-            self._look_at(one)
-
     @property
     def metered_range(self) -> MeteredRange:
         """The range of the scene's rates; complete when `next_time` is None."""
         self._require_seen()
         bright = self._open_times()[-1]
-        high, level, unsure = self._brightest(bright), self._clip_level, not self._is_open(bright)
-        times = tuple(self._times)
+        high, limited = self._brightest(bright), False
         if self._decades is not None:
             low = high / 10**self._decades
-            return MeteredRange(low, high, False, times, level, unsure)
-        time = self._time_of_dark()
-        darkest = self._noise.dimmest(((time, 1),), 1.0, high)
-        low = self._seen[time].quantile(SETTINGS.dark_share)
-        low, limited = min(max(low, darkest), high), low < darkest
-        return MeteredRange(low, high, limited, times, level, unsure)
+        else:
+            time = self._time_of_dark()
+            darkest = self._noise.dimmest(((time, 1),), 1.0, high)
+            told = self._seen[time].quantile(_DARK_SHARE)
+            low = min(max(told, darkest), high)
+            limited = told < darkest
+        unsure = not self._is_open(bright)
+        return MeteredRange(low, high, limited, tuple(self._times), self._clip_level, unsure)
 
     def _open_times(self) -> list[float]:
         """Return the times at which no pixel is clipped, the shortest first."""
@@ -289,7 +315,7 @@ class Meter:
         return max(time for time, one in self._seen.items() if one.shares[-1] <= 0.5)
 
     def _brightest(self, time: float) -> float:
-        return self._seen[time].quantile(1 - 0.5 / self._pixels)
+        return self._seen[time].quantile(1 - 0.5 / self._frames[self._times[-1]].size)
 
     def _require_seen(self) -> None:
         """Raise ValueError unless the frames tell the brightest rate."""
@@ -300,7 +326,7 @@ class Meter:
                 "ms. Dim the light, or allow shorter exposures"
             )
         time = opened[-1]
-        if self._snr(time, self._brightest(time)) < SETTINGS.seen_snr:
+        if self._snr(time, self._brightest(time)) < _SEEN_SNR:
             raise ValueError(
                 f"nothing is seen in the longest metering frame, of {time * 1e3:g} ms. Brighten "
                 "the light, or allow longer exposures"
@@ -315,14 +341,14 @@ class Meter:
         opened = self._open_times()
         clipped = [time for time in self._seen if time not in opened]
         if not opened:
-            return self._nearest(min(clipped) * SETTINGS.shorter)
+            return self._nearest(min(clipped) * _SHORTER)
         time = opened[-1]
         high = self._brightest(time)
         fill = high / self._noise.brightest(time)
         enough = self._snr(time, high) >= _ENOUGH * self._bright_snr
-        if enough or fill >= _ENOUGH * SETTINGS.most_fill:
+        if enough or fill >= _ENOUGH * _MOST_FILL:
             return None
-        fullest = time * SETTINGS.most_fill / fill
+        fullest = time * _MOST_FILL / fill
         longer = self._nearest(min(self._longer(time, high, self._bright_snr), fullest))
         if clipped and longer >= min(clipped):
             longer = self._nearest(math.sqrt(time * min(clipped)))
@@ -333,14 +359,14 @@ class Meter:
         if self._decades is not None:
             return None
         time = self._time_of_dark()
-        low = self._seen[time].quantile(SETTINGS.dark_share)
+        low = self._seen[time].quantile(_DARK_SHARE)
         if self._noise.snr(((time, 1),), low) >= _ENOUGH * self._dark_snr:
             return None
         return self._nearest(self._longer(time, low, self._dark_snr))
 
     def _is_open(self, time: float) -> bool:
         """Return whether a frame that doesn't look clipped surely isn't."""
-        return self._is_clip_told or is_surely_open(self._frames, time, self._sensor)
+        return self._is_clip_told or _is_surely_open(self._frames, time, self._sensor)
 
     def _time_for_proof(self) -> float | None:
         """Return a time that proves the brightest pixels not to be clipped, if that takes one.
@@ -351,17 +377,17 @@ class Meter:
         if not opened or self._is_open(opened[-1]):
             return None
         time = opened[-1]
-        shorter, longer = (self._nearest(factor * time) for factor in SETTINGS.proof)
+        shorter, longer = (self._nearest(factor * time) for factor in _PROOF)
         light = self._brightest(time) * shorter
-        for one in (shorter, longer) if light > SETTINGS.proof_light else (longer, shorter):
-            if one not in self._seen and max(one / time, time / one) > 1.25:
+        for one in (shorter, longer) if light > _PROOF_LIGHT else (longer, shorter):
+            if one not in self._seen and max(one / time, time / one) > _APART:
                 return one
         return None
 
     def _longer(self, time: float, rate: float, wanted: float) -> float:
         """Return the time at which a rate has a ratio, or a longer one if that isn't told."""
-        if self._noise.snr(((time, 1),), rate) < SETTINGS.told_snr:
-            return time * SETTINGS.longer
+        if self._noise.snr(((time, 1),), rate) < _TOLD_SNR:
+            return time * _LONGER
         needed = _light_for(wanted, self._noise.floor(time))
         return time * max(_BEYOND * needed / (rate * time), 1.5)
 
@@ -371,7 +397,7 @@ class Meter:
         wanted: the bracket's ratio. brighter: the metered pixels' rate over that of the dark end.
         """
         floor = self._noise.floor(0.0)
-        light = SETTINGS.effort * _light_for(wanted, floor) * brighter
+        light = _EFFORT * _light_for(wanted, floor) * brighter
         return min(max(ends[0], light / math.sqrt(light + floor)), ends[1])
 
     def _nearest(self, time: float) -> float:
@@ -380,8 +406,5 @@ class Meter:
 
 
 def _light_for(snr: float, floor: float) -> float:
-    """Return the electrons of light that have a ratio in one frame.
-
-    floor: variance without light, electrons².
-    """
+    """Return the electrons that have a ratio in one frame; floor: variance without light, e²."""
     return (snr**2 + math.sqrt(snr**4 + 4 * snr**2 * floor)) / 2

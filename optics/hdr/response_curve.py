@@ -30,42 +30,22 @@ LOWEST, HIGHEST = 5, 250
 
 _LEVELS = 256
 
-_PIXELS = 60_000
-"""Pixels that tell the curve, evenly over the frames. Chosen."""
+_PIXELS = 60_000  # that tell the curve, evenly over the frames; chosen
 
+# Weight of the curve's squared second differences, in units of the number of pixels, for exposures
+# that differ by factors of two, and the power of the factor's logarithm by which it grows: frames
+# tell nothing of ripples that repeat with their factor; chosen on photographs of factors of 2 and 8
 _SMOOTHNESS, _SMOOTHER = 1.0, 7.0
-"""Weight of the curve's squared second differences, in units of the number of pixels, for exposures
-that differ by factors of two, and the power of the factor's logarithm by which it grows: frames
-tell nothing of ripples that repeat with their factor. Chosen on photographs of factors of 2 and 8.
-"""
 
-_FIRST_NOISE = (1.0, 0.1)
-"""Standard deviations with which the curve is fitted at first: of a number, and of light, relative.
-Chosen."""
-
-_PASSES = 3
-"""Fits, each with weights by the slope of the curve before. Chosen."""
-
-_LEAST_RISE = 1e-3
-"""Least rise of the curve from a number to the next. Chosen: a small part of the mean one."""
-
-_BEYOND = 10.0
-"""Rise of the curve for each number beyond the ends of what light makes. Chosen."""
-
-_BINS = 20
-"""Ranges of slope in which the scatter of numbers is measured. Chosen."""
-
-_MOVED = 8.0
-"""Robust deviations of a misfit beyond which something moved in a pixel. Chosen."""
-
-_LEAST_SPAN = 20
-"""Range of numbers from which on a curve can be told. Chosen."""
-
-_NEARLY_ALL = 0.9
-"""Share of numbers that are clipped, or dark, from which on it's said. Chosen."""
-
-_LEAST_PIXELS = 1000
-"""Pixels with good numbers in two frames from which on a curve can be told. Chosen."""
+_FIRST_NOISE = (1.0, 0.1)  # deviations at first: of a number, and of light, relative; chosen
+_PASSES = 3  # fits, each with weights by the slope of the curve before; chosen
+_LEAST_RISE = 1e-3  # of the curve from a number to the next: a small part of the mean one; chosen
+_BEYOND = 10.0  # rise for each number beyond the ends of what light makes; chosen
+_BINS = 20  # ranges of slope in which the scatter of numbers is measured; chosen
+_MOVED = 8.0  # robust deviations of a misfit beyond which something moved in a pixel; chosen
+_LEAST_SPAN = 20  # range of numbers from which on a curve can be told; chosen
+_NEARLY_ALL = 0.9  # share of numbers that are clipped, or dark, from which on it's said; chosen
+_LEAST_PIXELS = 1000  # with good numbers in two frames, from which on a curve can be told; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +87,11 @@ class ResponseCurve:
         slope = np.gradient(np.arange(_LEVELS), self.logs)
         return slope, np.diff(slope)
 
+    def weights(self, numbers: NDArray[np.intp], used: NDArray[np.bool_]) -> Array:
+        """Return one over the variance of light's logarithm, as numbers tell it, where used."""
+        noise = (self.number_noise * np.gradient(self.logs)) ** 2 + self.light_noise**2
+        return (1 / noise)[numbers] * used
+
 
 def fit_response(
     frames: Sequence[NDArray[Any]] | NDArray[Any], exposures: ArrayLike
@@ -133,13 +118,21 @@ def fit_response(
     times = np.log(np.asarray(exposures, dtype=np.float64))
     if len(np.unique(times)) < 2:
         raise ValueError("a response curve takes frames of two exposure times at least")
-    numbers = _sample(frames)
+    require_unmasked(frames)
+    every = max(1, math.prod(np.shape(frames[0])[:2]) // _PIXELS)
+    numbers = np.array([np.rint(np.asarray(one).ravel()[::every]) for one in frames])
+    numbers = numbers.astype(np.intp)
     used = (numbers >= LOWEST) & (numbers <= HIGHEST)
     enough = used.sum(axis=0) >= 2
     if enough.sum() < min(_LEAST_PIXELS, numbers.shape[1] // 2):
+        missing = "exposures between them"
+        if (numbers > HIGHEST).mean() > _NEARLY_ALL:
+            missing = "shorter exposures"
+        elif (numbers < LOWEST).mean() > _NEARLY_ALL:
+            missing = "longer exposures"
         raise ValueError(
             f"{int(enough.sum())} pixels have numbers from {LOWEST} to {HIGHEST} in two frames, "
-            f"which is too few for a response curve; add {_missing_exposures(numbers)}"
+            f"which is too few for a response curve; add {missing}"
         )
     numbers, used = numbers[:, enough], used[:, enough]
     if np.ptp(np.where(used, numbers, numbers[used][0])) < _LEAST_SPAN:
@@ -155,31 +148,11 @@ def fit_response(
     return _with_noise(numbers, used, times, curve)
 
 
-def _missing_exposures(numbers: NDArray[np.intp]) -> str:
-    """Say which frames are missing if numbers are clipped or dark."""
-    if (numbers > HIGHEST).mean() > _NEARLY_ALL:
-        return "shorter exposures"
-    if (numbers < LOWEST).mean() > _NEARLY_ALL:
-        return "longer exposures"
-    return "exposures between them"
-
-
-def _sample(frames: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[np.intp]:
-    """Return the numbers of some of the pixels, (frames, pixels)."""
-    require_unmasked(frames)
-    shape = np.shape(frames[0])
-    every = max(1, shape[0] * shape[1] // _PIXELS)
-    few = [np.rint(np.asarray(one).ravel()[::every]) for one in frames]
-    return np.array(few).astype(np.intp)
-
-
 def _fit(
     numbers: NDArray[np.intp], used: NDArray[np.bool_], times: Array, before: ResponseCurve
 ) -> ResponseCurve:
     """Fit the curve, with weights by the slope of the one before."""
-    slope = np.gradient(before.logs)
-    level_weight = 1 / ((before.number_noise * slope) ** 2 + before.light_noise**2)
-    weight = level_weight[numbers] * used
+    weight = before.weights(numbers, used)
     count, pixels = numbers.shape
     whole = weight.sum(axis=0)
     places = np.tile(np.arange(pixels), count)
@@ -187,18 +160,19 @@ def _fit(
     design = scipy.sparse.csr_matrix(
         (weight.ravel(), (places, numbers.ravel())), shape=(pixels, _LEVELS)
     )
-    light = (weight * times[:, None]).sum(axis=0) / whole
+    known = weight * times[:, None]
     matrix = np.diag(np.bincount(numbers.ravel(), weight.ravel(), _LEVELS))
     matrix -= (design.T @ scipy.sparse.diags(1 / whole) @ design).toarray()
-    known = weight * times[:, None]
-    wanted = np.bincount(numbers.ravel(), known.ravel(), _LEVELS) - design.T @ light
+    wanted = np.bincount(numbers.ravel(), known.ravel(), _LEVELS)
+    wanted = wanted - design.T @ (known.sum(axis=0) / whole)
     bend = np.diff(np.eye(_LEVELS), 2, axis=0)
-    matrix += _smoothness(times) * pixels * bend.T @ bend
+    widest = (np.diff(np.unique(times)) / math.log(2)).max()
+    smoothness = float(_SMOOTHNESS * max(1.0, widest) ** _SMOOTHER)
+    matrix += smoothness * pixels * bend.T @ bend
     # The scale of all light can't be told.
     middle = _LEVELS // 2
     matrix[middle, middle] += whole.sum()
-    free = np.linalg.solve(matrix, wanted)
-    logs = _rising(free, middle)
+    logs = _rising(np.linalg.solve(matrix, wanted), middle)
     return ResponseCurve(logs - logs[middle], before.number_noise, before.light_noise)
 
 
@@ -206,21 +180,13 @@ def _contradicts(
     numbers: NDArray[np.intp], used: NDArray[np.bool_], times: Array, curve: ResponseCurve
 ) -> NDArray[np.bool_]:
     """Return pixels, (pixels,), in which frames contradict the curve: something moved."""
-    slope = np.gradient(curve.logs)
-    level_weight = 1 / ((curve.number_noise * slope) ** 2 + curve.light_noise**2)
-    weight = level_weight[numbers] * used
+    weight = curve.weights(numbers, used)
     whole = np.maximum(weight.sum(axis=0), 1e-12)
     said = curve.logs[numbers] - times[:, None]
     left = np.where(used, said - (weight * said).sum(axis=0) / whole, 0)
     misfit = (weight * left**2).sum(axis=0)
     counted = misfit[used.sum(axis=0) > 1]
     return misfit > _MOVED**2 * (np.median(counted) if counted.size else np.inf)
-
-
-def _smoothness(times: Array) -> float:
-    """Return the weight of the curve's bends; times: logarithms of exposures."""
-    steps = np.diff(np.unique(times)) / math.log(2)
-    return float(_SMOOTHNESS * max(1.0, steps.max()) ** _SMOOTHER)
 
 
 def _rising(logs: Array, middle: int) -> Array:
@@ -250,13 +216,11 @@ def _with_noise(
     logs, flat = curve.logs[numbers] - times[:, None], np.gradient(curve.logs)[numbers] ** 2
     # Numbers beyond the curve's ends are noise alone.
     used = used & (flat < 1)
-    order = np.argsort(times)
-    away, noise = [], []
-    for one, other in itertools.pairwise(order):
+    pairs = []
+    for one, other in itertools.pairwise(np.argsort(times)):
         both = used[one] & used[other]
-        away.append((logs[one] - logs[other])[both])
-        noise.append((flat[one] + flat[other])[both])
-    every, flatness = np.concatenate(away), np.concatenate(noise)
+        pairs.append(((logs[one] - logs[other])[both], (flat[one] + flat[other])[both]))
+    every, flatness = (np.concatenate(one) for one in zip(*pairs, strict=True))
     if not flatness.size:
         raise ValueError(
             "no pixel has numbers that light makes in two neighbouring exposures, which tells no "
@@ -264,18 +228,15 @@ def _with_noise(
         )
     edges = np.quantile(flatness, np.linspace(0, 1, _BINS + 1)[1:-1])
     group = np.searchsorted(edges, flatness, side="right")
-    bins = np.unique(group)
-    square = [_still_square(every[group == one]) for one in bins]
-    mean = [np.median(flatness[group == one]) for one in bins]
+    square, mean = [], []
+    for one in np.unique(group):
+        size = np.abs(every[group == one])
+        # What moved doesn't count.
+        still = size <= max(_MOVED * (1.4826 * float(np.median(size))), float(size.min()))
+        square.append(float(np.mean(size[still] ** 2)))
+        mean.append(np.median(flatness[group == one]))
     # The square is that of the number's noise times the flatness, and twice that of the light.
     relative = 1 / np.maximum(square, 1e-9)
     design = np.stack([np.array(mean) * relative, 2 * relative], axis=1)
     (own, light), _ = scipy.optimize.nnls(design, np.array(square) * relative)
     return ResponseCurve(curve.logs, max(own, 1 / 12) ** 0.5, max(light, 1e-6) ** 0.5)
-
-
-def _still_square(away: Array) -> float:
-    """Return the mean square of misfits without those of what moved."""
-    spread = 1.4826 * float(np.median(np.abs(away)))
-    still = np.abs(away) <= max(_MOVED * spread, float(np.abs(away).min()))
-    return float(np.mean(away[still] ** 2))

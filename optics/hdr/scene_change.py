@@ -11,34 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.camera import Sensor
-from optics.hdr.exposure_snr import ExposureSNR
+from optics.hdr.exposures import ExposureSNR
 from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
 
+# Rows and columns of blocks of a frame: few numbers to keep, and small parts of the scene; chosen
 BLOCKS = (8, 8)
-"""Rows and columns of blocks into which a frame is divided. Chosen: few numbers to keep, and small
-enough that a part of the scene is told apart from the whole."""
 
+# Shares of the pixels, for scenes with bright pixels in each of their blocks; chosen
 SHARES = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99)
-"""Shares of the pixels, for scenes with bright pixels in each of their blocks. Chosen."""
 
+# Pixels of like light whose mean tells a quantile: noise then is a fifth of a pixel's light; chosen
 _ALIKE = 16
-"""Pixels of like light, in whose mean a quantile's noise must be small. Chosen: it then is less
-than a fifth of the light of one pixel, which widens a distribution by a few percent."""
 
-_LEVEL_ERROR = 0.3
-"""Error of a sensor's black level in digital numbers. Chosen: levels are rounded to whole ones."""
-
-_LEAST_SNR = 20.0
-"""Signal over noise of a block from which on it is compared: its light is known to 5 %. Chosen."""
-
+_LEVEL_ERROR = 0.3  # digital numbers: black levels are rounded to whole ones; chosen
+_LEAST_SNR = 20.0  # of a block that is compared: its light is known to 5 %; chosen
+# Logarithm of a ratio: a change of 20 % is told for certain, one of 10 % is not; chosen
 _NOTABLE = 0.15
-"""Logarithm of the ratio of lights from which on a change is told: a change of 20 % is told for
-certain, one of 10 % is not. Chosen."""
-
-_NOTABLE_SHARE = 0.1
-"""Share of the blocks that is told. Chosen."""
+_NOTABLE_SHARE = 0.1  # of the blocks that is told; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +115,12 @@ def _light_of_frame(numbers: NDArray[Any], time: float, sensor: Sensor) -> Scene
     """Return what one frame tells of a scene's light."""
     blocks = np.full(BLOCKS, np.nan)
     for place in np.ndindex(BLOCKS):
-        part = numbers[tuple(_part(place[axis], axis, numbers.shape) for axis in (0, 1))]
+        part = numbers[
+            tuple(
+                slice(at * length // count, (at + 1) * length // count)
+                for at, count, length in zip(place, BLOCKS, numbers.shape, strict=True)
+            )
+        ]
         if part.size and not (part >= sensor.full_scale).any():
             blocks[place] = _known_rate(float(part.mean(dtype=np.float64)), part.size, time, sensor)
     quantiles = [
@@ -140,9 +136,3 @@ def _known_rate(number: float, pixels: int, time: float, sensor: Sensor) -> floa
     noise = math.sqrt((max(light, 0) + ExposureSNR(sensor).floor(time)) / pixels)
     known = light > _LEAST_SNR * math.hypot(noise, _LEVEL_ERROR * sensor.gain)
     return light / time if known else np.nan
-
-
-def _part(number: int, axis: int, shape: tuple[int, ...]) -> slice:
-    """Return the rows, or columns, of one of the blocks."""
-    count, length = BLOCKS[axis], shape[axis]
-    return slice(number * length // count, (number + 1) * length // count)

@@ -70,7 +70,7 @@ def join_samples(parts: list[Samples]) -> Samples:
 
 
 def read_samples(bracket: Bracket, rows: slice, space: Array) -> Samples:
-    """Return what all pixels in some rows tell.
+    """Return what all pixels in some rows tell. Frames that are clipped don't count.
 
     space: (4, exposures, as many pixels or more), which holds them: memory that is used again stays
     in the processor's cache.
@@ -80,34 +80,23 @@ def read_samples(bracket: Bracket, rows: slice, space: Array) -> Samples:
     rates, times = space[:2, :, :pixels]
     single = all(len(exposure.frames) == 1 for exposure in exposures)
     floors = np.empty((len(exposures), 1 if single else pixels), dtype=np.float32)
-    for exposure, rate, time, floor in zip(exposures, rates, times, floors, strict=True):
-        _read_exposure(bracket, exposure, rows, rate, time)
-        count = 1.0 if single else time.copy()
-        time *= np.float32(exposure.time)
+    for exposure, rate, count, floor in zip(exposures, rates, times, floors, strict=True):
+        first, *others = exposure.frames
+        np.copyto(count, ~bracket.read_electrons(first, rows, rate, time=exposure.time))
+        if others:
+            rate *= count
+            for index in others:
+                light = np.empty_like(rate)
+                is_open = ~bracket.read_electrons(index, rows, light, time=exposure.time)
+                light *= is_open
+                rate += light
+                count += is_open
+            rate /= np.maximum(count, 1)
         # All frames of an exposure share the noise of one mean dark frame.
-        floor[:] = (exposure.floor + exposure.floor / exposure.darks * count) / exposure.time
+        shared = exposure.floor / exposure.darks * (1.0 if single else count)
+        floor[:] = (exposure.floor + shared) / exposure.time
+        count *= np.float32(exposure.time)
     return Samples(exposures, rates, times, floors, space[2:, :, :pixels])
-
-
-def _read_exposure(
-    bracket: Bracket, exposure: Exposure, rows: slice, rate: Array, count: Array
-) -> None:
-    """Read the mean rate of an exposure, and the number of its frames, in place.
-
-    Frames that are clipped don't count.
-    """
-    first, *others = exposure.frames
-    np.copyto(count, ~bracket.read_electrons(first, rows, rate, time=exposure.time))
-    if others:
-        rate *= count
-    for index in others:
-        light = np.empty_like(rate)
-        is_open = ~bracket.read_electrons(index, rows, light, time=exposure.time)
-        light *= is_open
-        rate += light
-        count += is_open
-    if others:
-        rate /= np.maximum(count, 1)
 
 
 Method = Literal["plain", "Poisson", "Granados", "full"]
@@ -208,12 +197,9 @@ def _quotient(above: Array, below: Array, samples: Samples) -> Array:
     return np.divide(above, below, out=rate, where=below > 0)
 
 
+# Deviations below the largest within which another exposure may as well be wrong; chosen
 _ALIKE = 1.0
-"""Standard deviations below the largest difference within which another exposure may as well be the
-wrong one. Chosen."""
-
-_FALSE_ALARMS = 5e-4
-"""Share of still pixels that may be taken for moved. Chosen."""
+_FALSE_ALARMS = 5e-4  # share of still pixels that may be taken for moved; chosen
 
 
 def outlier_limit(exposures: int) -> float:
@@ -238,7 +224,13 @@ def leave_out(samples: Samples, mean: WeightedMean) -> tuple[WeightedMean, Mask]
     moved, limit = np.zeros(mean.rate.shape, dtype=bool), outlier_limit(len(samples.exposures))
     for _ in range(len(samples.exposures) - 1):
         several = (samples.times > 0).sum(0) > 1
-        differs = _differences(samples, mean.rate)
+        weight = samples.times / (np.maximum(mean.rate, 0) + samples.floors)
+        information = np.maximum(weight.sum(0), np.float32(1e-30))
+        value = (weight * samples.rates).sum(0) / information
+        # The value follows each exposure by its share of the information.
+        own = np.maximum(1 - weight / information, np.float32(1e-6))
+        # How far each exposure is from the merged value, over what chance would make of it.
+        differs = np.abs(samples.rates - value) * np.sqrt(weight / own)
         worst = differs.max(axis=0)
         out = several & (worst > limit)
         if not out.any():
@@ -251,16 +243,3 @@ def leave_out(samples: Samples, mean: WeightedMean) -> tuple[WeightedMean, Mask]
         for _ in range(2):
             mean = mean_by_variance(samples, mean.rate)
     return mean, moved
-
-
-def _differences(samples: Samples, rate: Array) -> Array:
-    """Return how far each frame is from the merged value, over what chance would make of it.
-
-    rate: predicts the variance.
-    """
-    weight = samples.times / (np.maximum(rate, 0) + samples.floors)
-    information = np.maximum(weight.sum(0), np.float32(1e-30))
-    value = (weight * samples.rates).sum(0) / information
-    # The value follows each exposure by its share of the information.
-    own = np.maximum(1 - weight / information, np.float32(1e-6))
-    return np.asarray(np.abs(samples.rates - value) * np.sqrt(weight / own))

@@ -9,18 +9,17 @@ from typing import Literal
 
 import numpy as np
 
-from optics.measuring.dark_signal import DarkSignal, fit_dark_signal, temporal_dark_noise
 from optics.measuring.group_statistics import (
     STEP_VARIANCE,
+    SURE_VARIANCE,
+    DarkStatistics,
     GroupStatistics,
-    HalfProducts,
-    box_share,
     measure_groups,
+    noise_below_a_step,
 )
-from optics.measuring.measured import Array, Measured
+from optics.measuring.measured import Array, Measured, weighted_mean
 from optics.measuring.paired_frames import PairedFrames
 from optics.measuring.photon_transfer import (
-    ClipLevel,
     Linearity,
     PhotonTransfer,
     electrons,
@@ -29,53 +28,150 @@ from optics.measuring.photon_transfer import (
     measure_linearity,
     saturation_signal,
 )
-from optics.measuring.pixel_maps import Defects, collect_defects
+from optics.measuring.pixel_maps import BOX_SHARE, Defects, collect_defects
+
+# Largest share of dark numbers at 0: beyond, mean and noise in darkness are cut off
+_MOST_ZEROS = 1e-3
+# Changes between frames that are expected where none is seen, at most (95 %, Poisson)
+_LIMIT_EVENTS = 3.0
 
 
-def photo_response_nonuniformity(groups: Sequence[GroupStatistics]) -> Measured | None:
-    """Return the PRNU: the relative standard deviation of the pixels' response.
+@dataclass(frozen=True)
+class DarkPoint:
+    """Dark frames of one exposure time (s), over the whole sensor.
 
-    Slow changes over the sensor are left out, as the light's (EMVA 1288 release 4, section 8), and
-    defective pixels. None if no exposure was bright and unclipped.
+    mean: number, DN, with its uncertainty by the pixels' noise.
+    variance: temporal, DN², with its uncertainty.
+    over_pixels: variance of all numbers, DN².
     """
-    total = sum((one.response for one in groups), HalfProducts())
-    return (_covariance(total) * (1 / box_share())).root if total.count > 1 else None
+
+    exposure: float
+    mean: float
+    mean_sigma: float
+    variance: float
+    variance_sigma: float
+    over_pixels: float
 
 
-def dark_signal_nonuniformity(groups: Sequence[GroupStatistics], *, is_coarse: bool) -> Measured:
-    """Return the DSNU: the standard deviation over pixels of the dark number, DN.
+@dataclass(frozen=True)
+class DarkSignal:
+    """Black level (DN), dark current (DN/s), and the points that tell them."""
 
-    It is that at the exposure times of the light, without defective pixels.
-    is_coarse: whether the noise is too small to average over the converter's steps, so that their
-        rounding is in it.
+    black_level: Measured
+    current: Measured
+    points: list[DarkPoint]
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether the noise is too small for the converter's steps to measure it."""
+        return self.points[0].variance - STEP_VARIANCE < SURE_VARIANCE
+
+
+def _fit_dark_signal(groups: Sequence[GroupStatistics]) -> DarkSignal:
+    """Fit black level and dark current, a straight line, to the mean numbers of dark frames.
+
+    Where they scatter more than they should, the uncertainty is larger by as much. Raises
+    ValueError if the numbers end at 0, or darkness was taken at one exposure time only.
     """
-    found = _covariance(sum((one.offsets for one in groups), HalfProducts()))
-    if is_coarse:
-        found = Measured(found.value, math.hypot(found.sigma, STEP_VARIANCE))
-    return found.root
+    points = [_dark_point(same) for same in zip(*(group.dark for group in groups), strict=True)]
+    if len(points) < 2:
+        raise ValueError("darkness was taken at one exposure time; take it at two or more")
+    x, y, sigmas = np.array([(one.exposure, one.mean, one.mean_sigma) for one in points]).T
+    design = np.stack([np.ones_like(x), x], axis=1) / sigmas[:, None]
+    # Times of milliseconds and numbers of thousands are brought to the same size.
+    scale = np.linalg.norm(design, axis=0)
+    inverse = np.linalg.inv((design / scale).T @ (design / scale)) / np.outer(scale, scale)
+    start, slope = inverse @ design.T @ (y / sigmas)
+    chi2 = float((((y - start - slope * x) / sigmas) ** 2).sum()) / max(len(x) - 2, 1)
+    errors = np.sqrt(np.diag(inverse * max(chi2, 1.0)))
+    found = DarkSignal(
+        Measured(float(start), float(errors[0])), Measured(float(slope), float(errors[1])), points
+    )
+    if not found.is_coarse:
+        return found
+    # Numbers that hardly change don't tell where between two steps their mean is.
+    level = math.hypot(errors[0], math.sqrt(STEP_VARIANCE))
+    current = math.hypot(errors[1], math.sqrt(2 * STEP_VARIANCE) / float(np.ptp(x)))
+    return DarkSignal(Measured(float(start), level), Measured(float(slope), current), points)
 
 
-def _covariance(sums: HalfProducts) -> Measured:
-    """Return the covariance of a map's two halves over its pixels.
+def _dark_point(same: Sequence[DarkStatistics]) -> DarkPoint:
+    """Return the point of one exposure time from its groups of pixels."""
+    pixels = np.array([one.pixels for one in same], dtype=np.float64)
+    zeros = float(np.average([one.zeros for one in same], weights=pixels))
+    if zeros > _MOST_ZEROS:
+        raise ValueError(
+            f"{zeros:.1%} of the dark numbers at {same[0].exposure * 1e3:g} ms are 0, where "
+            "noise is cut off; raise the camera's black level (offset), and take the frames again"
+        )
+    counts = np.array([one.count for one in same], dtype=np.float64)
+    means = np.array([one.mean for one in same])
+    variances = np.array([one.variance for one in same])
+    mean = float(np.average(means, weights=pixels))
+    variance = float(np.average(variances, weights=counts))
+    sigmas = variances * np.sqrt(np.array([one.spread for one in same]) / counts)
+    within = float(np.average([one.over_pixels for one in same], weights=pixels))
+    between = float(np.average((means - mean) ** 2, weights=pixels))
+    # A number that never changes may still be off by less than chance shows.
+    floor = 1 / counts.sum()
+    return DarkPoint(
+        same[0].exposure, mean, math.sqrt(max(variance, floor) / (2 * counts.sum())), variance,
+        max(float(np.sqrt((counts**2 * sigmas**2).sum()) / counts.sum()), floor),
+        within + between,
+    )  # fmt: skip
 
-    The uncertainty is that of normal pixels (Wishart's distribution).
+
+def _temporal_dark_noise(dark: DarkSignal, system_gain: float) -> Measured:
+    """Return the variance of the read noise, DN², where the converter's steps aren't too coarse.
+
+    The shot noise of the dark current, system_gain (DN per electron) times its mean, is taken off,
+    and the rounding of the converter.
     """
-    n = sums.count
-    means = sums.first / n, sums.second / n
-    products = sums.products / n - means[0] * means[1]
-    squares = (sums.first_squares / n - means[0] ** 2, sums.second_squares / n - means[1] ** 2)
-    sigma = math.sqrt(max(squares[0] * squares[1] + products**2, 0.0) / (n - 1))
-    return Measured(products * n / (n - 1), sigma)
+    current = dark.current.value
+    shot = np.array([system_gain * max(current, 0.0) * point.exposure for point in dark.points])
+    variances, sigmas = np.array([(one.variance, one.variance_sigma) for one in dark.points]).T
+    relative = dark.current.sigma / max(abs(current), 1e-300) if current > 0 else 0.0
+    return weighted_mean(variances - STEP_VARIANCE - shot, np.hypot(sigmas, shot * relative))
 
 
-_RISE = 1.5
-"""Least signal of the longest exposure over that of the shortest, for light that counts. Chosen."""
+def _noise_below_a_step(dark: DarkSignal) -> tuple[Measured, bool]:
+    """Return the variance of a read noise of less than a step, DN², and whether it is a limit.
 
-_SURE_LIGHT = 20.0
-"""Least largest signal over the dark noise. Chosen."""
+    The shortest exposure tells it, which has the least dark current.
+    """
+    point = dark.points[0]
+    least = _LIMIT_EVENTS / 2 * point.variance_sigma
 
+    def noise_variance(temporal: float) -> float:
+        return noise_below_a_step(point.mean, point.over_pixels, temporal) ** 2
+
+    if point.variance <= least:
+        limit = noise_variance(least)
+        return Measured(limit, limit), True
+    found = noise_variance(point.variance)
+    higher = noise_variance(point.variance + point.variance_sigma)
+    return Measured(found, abs(higher - found)), False
+
+
+def _covariance(sums: Sequence[Array]) -> Measured | None:
+    """Return the covariance of a map's two halves over all its pixels, by `half_products`.
+
+    The uncertainty is that of normal pixels (Wishart's distribution). None without two pixels.
+    """
+    n, first, second, first_squares, second_squares, products = sum(sums, np.zeros(6)).tolist()
+    if n < 2:
+        return None
+    means = first / n, second / n
+    product = products / n - means[0] * means[1]
+    squares = first_squares / n - means[0] ** 2, second_squares / n - means[1] ** 2
+    sigma = math.sqrt(max(squares[0] * squares[1] + product**2, 0.0) / (n - 1))
+    return Measured(product * n / (n - 1), sigma)
+
+
+_RISE = 1.5  # least signal of the longest exposure over that of the shortest; chosen
+_SURE_LIGHT = 20.0  # least largest signal over the dark noise; chosen
+# Step between the rows that tell a frame's mean: odd, for all colours to be among them
 _EVERY_ROW = 5
-"""Step between the rows that tell a frame's mean: odd, so that all colours are among them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +185,7 @@ class CameraNoise:
     read_noise : Measured
         Temporal dark noise without exposure, electrons; rounding and dark current are taken off.
     read_noise_is_limit : bool
-        Whether the read noise is only known to be below that: less than the converter's steps show.
+        Whether it is only known to be below that: less than the converter's steps show.
     dark_noise : Measured
         Temporal dark noise of the numbers at the shortest exposure, DN, rounding included.
     black_level : Measured
@@ -114,9 +210,11 @@ class CameraNoise:
     linearity : Linearity or None
         Signal by exposure time; None with too few exposures.
     prnu : Measured or None
-        PRNU1288: relative standard deviation of the pixels' response, without defective pixels.
+        PRNU1288: relative standard deviation of the pixels' response; None if no exposure was
+        bright and unclipped. Slow changes over the sensor are left out, as the light's (section 8).
     dsnu : Measured
-        DSNU1288: standard deviation of the pixels' dark signal, electrons, without defective ones.
+        DSNU1288: standard deviation of the pixels' dark signal at the exposure times of the light,
+        electrons. Both are without defective pixels.
     defects : Defects
         Hot and dead pixels.
     transfer : PhotonTransfer
@@ -188,20 +286,43 @@ def characterise_camera(source: PairedFrames) -> CameraNoise:
     """
     _require_rising_light(source)
     groups = measure_groups(source)
-    dark = fit_dark_signal(groups)
-    clip = find_clip_level(groups, source.top_number)
-    full = None if clip is None else clip.number.value - dark.black_level.value
-    coarse = temporal_dark_noise(dark, 0.0) if dark.is_coarse else None
-    transfer = fit_photon_transfer(groups, full, _likely_variance(coarse))
-    system_gain = transfer.system_gain
-    gain = system_gain.inverse
-    black = _black_level(dark, transfer)
-    variance, is_limit = coarse or temporal_dark_noise(dark, system_gain.value)
+    dark = _fit_dark_signal(groups)
+    clip, limit = find_clip_level(groups, source.top_number)
+    full = None if clip is None else clip.value - dark.black_level.value
+    if dark.is_coarse:
+        variance, is_limit = _noise_below_a_step(dark)
+        # Anything below a limit is as likely.
+        likely = Measured(variance.value / 2, variance.value / math.sqrt(12))
+        transfer = fit_photon_transfer(groups, full, likely if is_limit else variance)
+    else:
+        transfer = fit_photon_transfer(groups, full, None)
+        variance, is_limit = _temporal_dark_noise(dark, transfer.system_gain.value), False
+    gain = transfer.system_gain.inverse
     read_noise = variance.root.times(gain)
     saturation = saturation_signal(groups)
     capacity = None if saturation is None else electrons(transfer, saturation)
     threshold = _sensitivity_threshold(read_noise, gain)
-    pixels = [(one.defects, one.rows, one.columns) for one in groups]
+    response = _covariance([one.response for one in groups])
+    offsets = _covariance([one.offsets for one in groups])
+    assert offsets is not None
+    if dark.is_coarse:
+        # The noise is too small to average over the converter's steps: their rounding is in it.
+        offsets = Measured(offsets.value, math.hypot(offsets.sigma, STEP_VARIANCE))
+    level, full_well = dark.black_level, None
+    if clip is not None:
+        # Where steps are coarse, the offset's uncertainty is that of the dark number.
+        own = 0.0 if dark.is_coarse else level.sigma
+        signal = Measured(clip.value - level.value, math.hypot(clip.sigma, own))
+        full_well = electrons(transfer, signal)
+    # Darkness or photon transfer tells the black level, whichever does better.
+    black, offset = level, transfer.offset
+    if dark.is_coarse and offset.sigma <= level.sigma:
+        black = Measured(level.value - offset.value, offset.sigma)
+    taken: dict[float, float] = {}
+    if source.times is not None:
+        for time, pairs in source.light.items():
+            taken[time] = float(np.mean([source.times[index] for pair in pairs for index in pair]))
+    ratios = np.array([[one.ratio for one in group.light] for group in groups])
     first = dark.points[0]
     return CameraNoise(
         gain=gain,
@@ -210,31 +331,36 @@ def characterise_camera(source: PairedFrames) -> CameraNoise:
         dark_noise=Measured(first.variance, first.variance_sigma).root,
         black_level=black,
         dark_current=dark.current.times(gain),
-        full_well=None if clip is None else _full_well(clip, dark, transfer),
-        clip_number=clip.number if clip else None,
-        clip_limit=clip.limit if clip else None,
+        full_well=full_well,
+        clip_number=clip,
+        clip_limit=limit,
         saturation_capacity=capacity,
         sensitivity_threshold=threshold,
         dynamic_range=capacity.times(threshold.inverse) if capacity else None,
         snr_max=capacity.root if capacity else None,
-        linearity=measure_linearity(groups, full, _light_times(source)),
-        prnu=photo_response_nonuniformity(groups),
-        dsnu=dark_signal_nonuniformity(groups, is_coarse=dark.is_coarse).times(gain),
-        defects=collect_defects(pixels),
+        linearity=measure_linearity(groups, full, taken),
+        prnu=(response * (1 / BOX_SHARE)).root if response else None,
+        dsnu=offsets.root.times(gain),
+        defects=collect_defects([(one.defects, one.rows, one.columns) for one in groups]),
         transfer=transfer,
         dark=dark,
         unevenness=_unevenness(groups),
-        lamp_jump=_lamp_jump(groups),
+        lamp_jump=float(np.abs(np.median(ratios, axis=0) - 1).max()),
         frames=len(source.frames),
     )
 
 
 def _require_rising_light(source: PairedFrames) -> None:
     """Raise ValueError if the signal is that of darkness, or the same at all exposures."""
-    dark = {time: _mean_number(source, pairs[0][0]) for time, pairs in source.dark.items()}
-    numbers = {time: _mean_number(source, pairs[0][0]) for time, pairs in source.light.items()}
-    signals = [number - dark[time] for time, number in numbers.items()]
-    first, second = (_some_rows(source, index) for index in next(iter(source.dark.values()))[0])
+    rows = slice(0, source.shape[0], _EVERY_ROW)
+
+    def some_rows(index: int) -> Array:
+        return np.asarray(source.frames[index][rows, slice(None)], dtype=np.float64)
+
+    numbers = [float(some_rows(pairs[0][0]).mean()) for pairs in source.light.values()]
+    darks = [float(some_rows(source.dark[time][0][0]).mean()) for time in source.light]
+    signals = [number - dark for number, dark in zip(numbers, darks, strict=True)]
+    first, second = (some_rows(index) for index in next(iter(source.dark.values()))[0])
     noise = math.sqrt(max(float((first - second).var()) / 2, STEP_VARIANCE))
     if max(signals) < _SURE_LIGHT * noise:
         raise ValueError(
@@ -242,46 +368,12 @@ def _require_rising_light(source: PairedFrames) -> None:
             "target, expose longer, or check that light and dark frames aren't swapped"
         )
     if signals[-1] < _RISE * signals[0]:
-        where = "saturated" if min(numbers.values()) > 0.9 * source.top_number else "the same"
+        where = "saturated" if min(numbers) > 0.9 * source.top_number else "the same"
         raise ValueError(
             f"the light is {where} at every exposure time ({signals[0]:.5g} to {signals[-1]:.5g} "
             "numbers above darkness); expose shorter, or dim it, so that it rises from darkness to "
             "saturation"
         )
-
-
-def _mean_number(source: PairedFrames, index: int) -> float:
-    """Return a frame's mean number, from some of its rows."""
-    return float(_some_rows(source, index).mean())
-
-
-def _some_rows(source: PairedFrames, index: int) -> Array:
-    rows = slice(0, source.shape[0], _EVERY_ROW)
-    return np.asarray(source.frames[index][rows, slice(None)], dtype=np.float64)
-
-
-def _likely_variance(coarse: tuple[Measured, bool] | None) -> Measured | None:
-    """Return the variance of the dark noise, DN²; anything below a limit is as likely."""
-    if coarse is None or not coarse[1]:
-        return coarse and coarse[0]
-    limit = coarse[0].value
-    return Measured(limit / 2, limit / math.sqrt(12))
-
-
-def _black_level(dark: DarkSignal, transfer: PhotonTransfer) -> Measured:
-    """Return the black level, DN, by what tells it better: darkness or photon transfer."""
-    if not dark.is_coarse or transfer.offset.sigma > dark.black_level.sigma:
-        return dark.black_level
-    return Measured(dark.black_level.value - transfer.offset.value, transfer.offset.sigma)
-
-
-def _full_well(clip: ClipLevel, dark: DarkSignal, transfer: PhotonTransfer) -> Measured:
-    """Return the electrons at which pixels clip."""
-    level = dark.black_level
-    # Where steps are coarse, the offset's uncertainty is that of the dark number.
-    own = 0.0 if dark.is_coarse else level.sigma
-    signal = Measured(clip.number.value - level.value, math.hypot(clip.number.sigma, own))
-    return electrons(transfer, signal)
 
 
 def _sensitivity_threshold(read_noise: Measured, gain: Measured) -> Measured:
@@ -291,22 +383,6 @@ def _sensitivity_threshold(read_noise: Measured, gain: Measured) -> Measured:
     slopes = read_noise.value, gain.value * STEP_VARIANCE
     sigma = math.hypot(slopes[0] * read_noise.sigma, slopes[1] * gain.sigma) / (value - 0.5)
     return Measured(value, sigma)
-
-
-def _light_times(source: PairedFrames) -> dict[float, float]:
-    """Return when the light of each exposure time was taken, seconds; empty if unknown."""
-    if source.times is None:
-        return {}
-    return {
-        time: float(np.mean([source.times[index] for pair in pairs for index in pair]))
-        for time, pairs in source.light.items()
-    }
-
-
-def _lamp_jump(groups: list[GroupStatistics]) -> float:
-    """Return the largest relative change of the light between the two frames of a pair."""
-    ratios = np.array([[one.ratio for one in group.light] for group in groups])
-    return float(np.abs(np.median(ratios, axis=0) - 1).max())
 
 
 def _unevenness(groups: list[GroupStatistics]) -> float:

@@ -20,38 +20,18 @@ from optics.sensor.pile import LEAST_PILE, top_pile
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class FewExposuresSettings:
-    """Tune what few frames tell; all values are chosen.
-
-    seen_rise: rise of the brightest pixels with the exposure, in deviations, from which on there is
-        light.
-    surely_clipped: light of a pixel by the shorter exposure, over the longer one's largest number,
-        from which on it must be clipped there.
-    surely_open: number of a pixel, over the largest one, up to which it surely isn't clipped.
-    same_number: deviation of clipped pixels' numbers, DN, up to which a converter ends there.
-    same_level: the same over their number, up to which wells are full.
-    well_deviations: deviations below the mean full well from which a pixel counts as clipped.
-    least_pixels: pixels that tell the linearity, at least.
-    least_snr: signal of such a pixel over its noise, at least.
-    cut: share of pixels at 0 from which on darkness is cut off.
-    """
-
-    seen_rise: float = 8.0
-    surely_clipped: float = 1.3
-    surely_open: float = 0.9
-    same_number: float = 0.6
-    same_level: float = 0.03
-    well_deviations: float = 5.0
-    least_pixels: int = 30
-    least_snr: float = 4.0
-    cut: float = 0.02
-
-
-_SETTINGS = FewExposuresSettings()
-
-_GROUPS = 8
-"""Parts of the pixels whose scatter tells how sure a result is. Chosen."""
+# Deviations by which the brightest pixels rise where there is light; all numbers are chosen
+_SEEN_RISE = 8.0
+# Light by the shorter exposure over the longer one's largest number: clipped there
+_SURELY_CLIPPED = 1.3
+_SURELY_OPEN = 0.9  # number of a pixel over the largest one, up to which it surely isn't clipped
+# Deviation of clipped numbers: DN where a converter ends, share where wells are full
+_SAME_NUMBER, _SAME_LEVEL = 0.6, 0.03
+_WELL_DEVIATIONS = 5.0  # deviations below the mean full well from which a pixel counts as clipped
+# Pixels that tell the linearity, and their signal over noise, at least
+_LEAST_PIXELS, _LEAST_SNR = 30, 4.0
+_CUT = 0.02  # share of pixels at 0 from which on darkness is cut off
+_GROUPS = 8  # parts of the pixels whose scatter tells how sure a result is
 
 
 @dataclass(frozen=True)
@@ -105,24 +85,18 @@ class FewExposures:
     @property
     def is_cut_at_zero(self) -> bool:
         """Whether darkness ends at 0, so that its noise is cut off below."""
-        return self.share_at_zero > _SETTINGS.cut
+        return self.share_at_zero > _CUT
 
     @cached_property
     def sees_light(self) -> bool:
         """Whether the brightest pixels rise with the exposure."""
-        last = self._images[-1]
+        first, last = self._images[0], self._images[-1]
         chosen = last >= np.quantile(last, 1 - min(0.5, LEAST_PILE / last.size))
-        rise = last[chosen] - self._images[0][chosen]
-        noise = self._dark_noise * math.sqrt(2.0)
-        # The brightest pixels by chance lie some deviations above the others.
-        return bool(rise.mean() > _SETTINGS.seen_rise * max(noise, 0.3))
-
-    @cached_property
-    def _dark_noise(self) -> float:
-        """Deviation of the pixels in the shortest exposure, where light is least, in DN."""
-        first = self._images[0]
+        # The lower half of the shortest exposure, where light is least, tells the noise.
         low, middle = np.quantile(first, [0.16, 0.5])
-        return float(middle - low)
+        noise = float(middle - low) * math.sqrt(2.0)
+        # The brightest pixels by chance lie some deviations above the others.
+        return bool((last[chosen] - first[chosen]).mean() > _SEEN_RISE * max(noise, 0.3))
 
     @cached_property
     def black_level(self) -> Measured:
@@ -139,34 +113,24 @@ class FewExposures:
     @cached_property
     def clip(self) -> SeenClip | None:
         """Where pixels clip; None if the exposures don't show it."""
-        for number in reversed(range(1, len(self._images))):
-            found = self._clip_by_pixels(number) or self._clip_by_pile(number)
-            if found is not None:
-                return found
-        return None
+        found = (self._clip_of(number) for number in reversed(range(1, len(self._images))))
+        return next((one for one in found if one is not None), None)
 
-    def _clip_by_pixels(self, number: int) -> SeenClip | None:
-        """Return the clip level by pixels that must be clipped by the shorter exposure."""
+    def _clip_of(self, number: int) -> SeenClip | None:
+        """Return the clip level that an exposure shows beside the shorter one before it."""
         a, b, black = self._images[number - 1], self._images[number], self.black_level.value
         room = float(b.max()) - black
         light = (a - black) * (self._times[number] / self._times[number - 1])
-        chosen = (light > _SETTINGS.surely_clipped * room) & (
-            a - black < _SETTINGS.surely_open * room
-        )
+        # These pixels must be clipped by the shorter exposure.
+        chosen = (light > _SURELY_CLIPPED * room) & (a - black < _SURELY_OPEN * room)
         count = int(np.count_nonzero(chosen))
-        if count < LEAST_PILE:
-            return None
-        level, spread = float(np.median(b[chosen])), float(b[chosen].std())
-        if spread < _SETTINGS.same_number:
-            return SeenClip(round(level), "converter", count)
-        if spread < _SETTINGS.same_level * (level - black):
-            lowest = math.floor(level - _SETTINGS.well_deviations * spread)
-            return SeenClip(lowest, "well", count)
-        return None
-
-    def _clip_by_pile(self, number: int) -> SeenClip | None:
-        """Return the clip level by pixels at a number that a longer exposure keeps."""
-        a, b = self._images[number - 1], self._images[number]
+        if count >= LEAST_PILE:
+            level, spread = float(np.median(b[chosen])), float(b[chosen].std())
+            if spread < _SAME_NUMBER:
+                return SeenClip(round(level), "converter", count)
+            if spread < _SAME_LEVEL * (level - black):
+                return SeenClip(math.floor(level - _WELL_DEVIATIONS * spread), "well", count)
+        # Otherwise pixels that pile up at a number that the longer exposure keeps.
         pile = top_pile(b)
         if pile is None or pile != a.max() or not self.sees_light:
             return None
@@ -175,11 +139,8 @@ class FewExposures:
     @cached_property
     def linearity(self) -> Linearity | None:
         """How numbers rise over three exposures; None if there is too little light."""
-        for number in reversed(range(2, len(self._images))):
-            found = self._linearity(number)
-            if found is not None:
-                return found
-        return None
+        found = (self._linearity(number) for number in reversed(range(2, len(self._images))))
+        return next((one for one in found if one is not None), None)
 
     def _linearity(self, number: int) -> Linearity | None:
         """Return the linearity over an exposure and the two before it, if light tells it.
@@ -188,23 +149,20 @@ class FewExposures:
         the power p of exposures t, (y3 - y2) / (y2 - y1) is (t3/t2)^p if each t is as many times
         the last.
         """
-        times, (a, b, c) = (
-            self._times[number - 2 : number + 1],
-            self._images[number - 2 : number + 1],
-        )
+        t1, t2, t3 = self._times[number - 2 : number + 1]
+        a, b, c = self._images[number - 2 : number + 1]
         black, top = float(a.min()), float(self.top if self.clip is None else self.clip.number)
-        chosen = (c - black < _SETTINGS.surely_open * (top - black)) & (c < top)
+        chosen = (c - black < _SURELY_OPEN * (top - black)) & (c < top)
         if not chosen.any():
             return None
         chosen &= c - black > 0.3 * (float(c[chosen].max()) - black)
-        pixels = np.flatnonzero(chosen)
-        if pixels.size < _SETTINGS.least_pixels:
+        first, second = (b - a)[chosen], (c - b)[chosen]
+        if first.size < _LEAST_PIXELS:
             return None
-        first, second = b[pixels] - a[pixels], c[pixels] - b[pixels]
         noise = float(np.std(second - first * second.mean() / first.mean())) if first.mean() else 0
-        if first.mean() <= 0 or second.mean() < _SETTINGS.least_snr * noise:
+        if first.mean() <= 0 or second.mean() < _LEAST_SNR * noise:
             return None
-        even, ratio = (times[2] - times[1]) / (times[1] - times[0]), times[2] / times[1]
+        even, ratio = (t3 - t2) / (t2 - t1), t2 / t1
         parts = [
             second[part::_GROUPS].mean() / first[part::_GROUPS].mean() for part in range(_GROUPS)
         ]
@@ -213,11 +171,10 @@ class FewExposures:
         powers = 1 + np.log(np.array(parts) / even) / math.log(ratio)
         value = 1 + math.log(second.mean() / first.mean() / even) / math.log(ratio)
         exponent = Measured(value, float(powers.std(ddof=1)) / math.sqrt(_GROUPS))
-        return Linearity(exponent, (times[0], times[1], times[2]), int(pixels.size))
+        return Linearity(exponent, (t1, t2, t3), first.size)
 
 
-_SIGMAS = 4.0
-"""Deviations by which frames must differ beyond their noise for the lamp to flicker. Chosen."""
+_SIGMAS = 4.0  # deviations beyond their noise by which frames differ where the lamp flickers
 
 
 @dataclass(frozen=True)
@@ -243,33 +200,26 @@ def repeated_linearity(
     """
     frames = [np.asarray(group, dtype=np.float64) for group in repeats]
     count = min(len(group) for group in frames)
-    means = [group.mean(axis=0) for group in frames]
-    seen = _exponent(exposures, means)
-    if seen is None or count < 3:
+    whole = FewExposures(exposures, [group.mean(axis=0) for group in frames])
+    if whole.linearity is None or count < 3:
         return None
     left = []
     for number in range(count):
-        found = _exponent(exposures, [np.delete(one, number, 0).mean(axis=0) for one in frames])
+        rest = [np.delete(one, number, 0).mean(axis=0) for one in frames]
+        found = FewExposures(exposures, rest).linearity
         if found is None:
             return None
-        left.append(found.value)
+        left.append(found.exponent.value)
     scatter = (count - 1) / count * float(np.sum((np.array(left) - np.mean(left)) ** 2))
-    black = FewExposures(exposures, means).black_level.value
-    flicker = max(frame_flicker(group, black) for group in frames)
+    flicker = max(frame_flicker(group, whole.black_level.value) for group in frames)
+    seen = whole.linearity.exponent
     return RepeatedLinearity(Measured(seen.value, math.hypot(seen.sigma, scatter**0.5)), flicker)
-
-
-def _exponent(exposures: Sequence[float], means: Sequence[Array]) -> Measured | None:
-    found = FewExposures(exposures, means).linearity
-    return None if found is None else found.exponent
 
 
 def frame_flicker(images: Sequence[NDArray[np.generic]] | Array, black: float) -> float:
     """Return how much the light of frames of one exposure differs, relative.
 
-    black: level of darkness in DN.
-
-    The result is 0 where noise explains the difference.
+    black: level of darkness in DN. The result is 0 where noise explains the difference.
     """
     frames = np.asarray(images, dtype=np.float64)
     mean = frames.mean(axis=0)

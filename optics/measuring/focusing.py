@@ -20,12 +20,11 @@ from optics.validation import require_unmasked
 Array = NDArray[np.float64]
 
 
-def filter_period(sensor: Sensor) -> tuple[int, int]:
+def _filter_period(sensor: Sensor) -> tuple[int, int]:
     """Return the period of the colour filters, (rows, columns); (1, 1) for a monochrome sensor."""
     if sensor.colour is None:
         return 1, 1
-    pattern = sensor.colour.pattern
-    return len(pattern), len(pattern[0])
+    return len(sensor.colour.pattern), len(sensor.colour.pattern[0])
 
 
 def without_hot(light: Array, variance: Array, sensor: Sensor) -> Array:
@@ -34,13 +33,12 @@ def without_hot(light: Array, variance: Array, sensor: Sensor) -> Array:
     Light of one colour makes single bright pixels among those of the other colours.
     light, variance: (rows, columns), DN and DN².
     """
-    rows, columns = filter_period(sensor)
+    rows, columns = _filter_period(sensor)
     clean = light.copy()
-    for row in range(rows):
-        for column in range(columns):
-            same = slice(row, None, rows), slice(column, None, columns)
-            if light[same].size:
-                clean[same] = without_hot_pixels(light[same], variance[same])
+    for row, column in np.ndindex(rows, columns):
+        same = slice(row, None, rows), slice(column, None, columns)
+        if light[same].size:
+            clean[same] = without_hot_pixels(light[same], variance[same])
     return clean
 
 
@@ -51,7 +49,7 @@ class PeakLevel:
     Parameters
     ----------
     level : float
-        Share of the range from the black level to full scale, 1 at full scale.
+        Share of the range from the black level to full scale.
     saturated : int
         Pixels at full scale, hot ones among them.
     """
@@ -63,9 +61,9 @@ class PeakLevel:
 def peak_level(numbers: NDArray[Any], sensor: Sensor) -> PeakLevel:
     """Return the level of the brightest pixel that isn't a hot one.
 
-    It is the brightest pixel, and no percentile below it: a star in focus covers some ten pixels
-    of millions, and would be saturated at any exposure that brings a percentile to a level. A hot
-    pixel is far brighter than all of its neighbours, which light through a lens never is.
+    No percentile below it would do: a star in focus covers some ten pixels of millions, and would
+    be saturated at any exposure that brings a percentile to a level. A hot pixel is far brighter
+    than all of its neighbours, which light through a lens never is.
 
     Parameters
     ----------
@@ -107,7 +105,7 @@ def exposure_for_level(level: float, rate: float, sensor: Sensor) -> float:
     Raises
     ------
     ValueError
-        For a level outside its range, and a rate that isn't positive.
+        For a level or a rate that isn't so.
     """
     if not 0 < level < 1:
         raise ValueError(f"level is {level:g}; give a share of full scale above 0 and below 1")
@@ -117,19 +115,18 @@ def exposure_for_level(level: float, rate: float, sensor: Sensor) -> float:
     return electrons / (rate + sensor.dark_current)
 
 
+# Deviations of a region's mean light from none: a score is divided by its square; chosen
 _LEAST_LIGHT = 3.0
-"""Standard deviations of its error by which a region's mean light must exceed none. Chosen: a
-score is divided by the light's square."""
 
 
 def focus_score(numbers: NDArray[Any], sensor: Sensor) -> float:
     """Return the focus score of a region: the energy of its gradients over its light squared.
 
     The mean square of the gradient is the focus measure of Tenenbaum, here by central differences,
-    with the part that noise is expected to add subtracted. Divided by the square of the mean light
-    it doesn't depend on the exposure. It is comparable as long as the same scene is in the region,
-    and the larger, the sharper. Central differences compare pixels two apart, which have the same
-    colour filter in a Bayer pattern. Hot pixels are left out.
+    which compare pixels of the same colour filter in a Bayer pattern; what noise is expected to add
+    is subtracted. Over the square of the mean light it doesn't depend on the exposure. It is
+    comparable as long as the same scene is in the region, and the larger, the sharper. Hot pixels
+    are left out.
 
     Parameters
     ----------
@@ -161,53 +158,31 @@ def focus_score(numbers: NDArray[Any], sensor: Sensor) -> float:
     variance = frame_variance(raw, sensor)
     light = without_hot(raw, variance, sensor) - sensor.black_level
     mean = float(light.mean())
-    error = math.sqrt(float(variance.mean()) / light.size)
-    if mean < _LEAST_LIGHT * error:
+    if mean < _LEAST_LIGHT * math.sqrt(float(variance.mean()) / light.size):
         raise ValueError(
             f"the region's mean light is {mean:.2g} DN; that is too dark to judge the focus. "
             "Expose longer"
         )
     down = (light[2:, 1:-1] - light[:-2, 1:-1]) / 2
     across = (light[1:-1, 2:] - light[1:-1, :-2]) / 2
-    around = (
-        variance[2:, 1:-1] + variance[:-2, 1:-1] + variance[1:-1, 2:] + variance[1:-1, :-2]
-    ) / 4
-    energy = float((down**2 + across**2 - around).mean())
-    return energy / mean**2
+    vertical = variance[2:, 1:-1] + variance[:-2, 1:-1]
+    around = (vertical + variance[1:-1, 2:] + variance[1:-1, :-2]) / 4
+    return float((down**2 + across**2 - around).mean()) / mean**2
 
 
 FWHM = 2 * math.sqrt(2 * math.log(2))
 """Full width at half maximum of a Gaussian over its standard deviation."""
 
-LEAST_SIDE = 8
-"""Pixels of a star's region on each side at least. Chosen: its rim tells the background."""
+# Pixels: least side of a star's region, and its rim, which tells the background; chosen
+_LEAST_SIDE, _RIM = 8, 2
 
 
-@dataclass(frozen=True)
-class StarShapeSettings:
-    """Tune the measurement of a star's shape; all values are chosen.
-
-    first_width: standard deviation of the first window in pixels.
-    narrowest: least standard deviation of the window in pixels: the neighbours of a star in a
-        single pixel have 0.4 % of its light.
-    widest: largest standard deviation, as a share of the region's shorter side. Of a star that is
-        wider, the region shows too little.
-    rounds: most steps. Each halves the error for a Gaussian.
-    tolerance: relative change of the window's variances with which the steps end.
-    reach: standard deviations of the window beyond which its weight, below 4e-6, isn't counted.
-    rim: width in pixels of the region's rim, whose median is the background.
-    """
-
-    first_width: float = 2.0
-    narrowest: float = 0.3
-    widest: float = 0.2
-    rounds: int = 100
-    tolerance: float = 1e-5
-    reach: float = 5.0
-    rim: int = 2
-
-
-_SETTINGS = StarShapeSettings()
+_FIRST_WIDTH = 2.0  # pixels, standard deviation of a star's first window; chosen
+_NARROWEST = 0.3  # pixels: the neighbours of a star in a single pixel have 0.4 % of its light
+_WIDEST = 0.2  # share of the region's shorter side, which shows too little of a wider star; chosen
+# Most steps, each halves the error; change of the window that ends them; chosen
+_ROUNDS, _TOLERANCE = 100, 1e-5
+_REACH = 5.0  # standard deviations of the window beyond which its weight, below 4e-6, isn't counted
 
 
 @dataclass(frozen=True)
@@ -280,47 +255,30 @@ def star_shape(numbers: NDArray[Any], sensor: Sensor) -> StarShape:
     weak lensing", Astron. J. 123, 583 (2002), doi 10.1086/338085, section 3.
     """
     require_unmasked(numbers)
-    if numbers.ndim != 2 or min(numbers.shape) < LEAST_SIDE:
+    if numbers.ndim != 2 or min(numbers.shape) < _LEAST_SIDE:
         raise ValueError(
-            f"the region is {numbers.shape} pixels; give {LEAST_SIDE} x {LEAST_SIDE} at least"
+            f"the region is {numbers.shape} pixels; give {_LEAST_SIDE} x {_LEAST_SIDE} at least"
         )
     raw = numbers.astype(np.float64)
     variance = frame_variance(raw, sensor)
-    background = _rim_median(raw)
+    rim = np.ones(raw.shape, dtype=bool)
+    rim[_RIM:-_RIM, _RIM:-_RIM] = False
+    background = float(np.median(raw[rim]))
     clean = without_hot(raw - background, variance, sensor)
-    period = filter_period(sensor)
+    period = _filter_period(sensor)
     light, mean_variance = (
         ndimage.uniform_filter(one, period, mode="nearest") for one in (clean, variance)
     )
-    spot = find_spot(light, mean_variance)
-    centre, covariance = _adaptive_moments(light, spot.place)
+    centre, covariance = _adaptive_moments(light, find_spot(light, mean_variance).place)
+    # A mean over an even number of pixels moves the star by half of one.
+    y, x = (float(c) - (0.5 if n % 2 == 0 else 0.0) for c, n in zip(centre, period, strict=True))
     added = (np.array(period) ** 2 - 1) / 12
     values, vectors = np.linalg.eigh(covariance - np.diag(added))
     minor, major = (FWHM * math.sqrt(max(float(v), 0.0)) for v in values)
     down, across = vectors[:, 1]
-    return StarShape(
-        y=float(centre[0]) - _shift(period[0]),
-        x=float(centre[1]) - _shift(period[1]),
-        fwhm_major=major,
-        fwhm_minor=minor,
-        angle=math.atan(down / across) if across else math.pi / 2,
-        peak=float(clean.max()),
-        background=background,
-        saturated=int(np.count_nonzero(raw >= sensor.full_scale)),
-    )
-
-
-def _rim_median(raw: Array) -> float:
-    """Return the median of a region's rim: the background, in DN."""
-    inner = np.ones(raw.shape, dtype=bool)
-    rim = _SETTINGS.rim
-    inner[rim:-rim, rim:-rim] = False
-    return float(np.median(raw[inner]))
-
-
-def _shift(period: int) -> float:
-    """Return by how many pixels a mean over an even number of pixels moves a star."""
-    return 0.5 if period % 2 == 0 else 0.0
+    angle = math.atan(down / across) if across else math.pi / 2
+    saturated = int(np.count_nonzero(raw >= sensor.full_scale))
+    return StarShape(y, x, major, minor, angle, float(clean.max()), background, saturated)
 
 
 def _adaptive_moments(light: Array, start: tuple[float, float]) -> tuple[Array, Array]:
@@ -328,11 +286,14 @@ def _adaptive_moments(light: Array, start: tuple[float, float]) -> tuple[Array, 
 
     Raises ValueError if the window finds no light, leaves the region, or outgrows it.
     """
-    centre = np.array(start)
-    window = _SETTINGS.first_width**2 * np.eye(2)
-    widest = (_SETTINGS.widest * min(light.shape)) ** 2
-    for _ in range(_SETTINGS.rounds):
-        part = _window_pixels(centre, window, light.shape)
+    centre, shape = np.array(start), light.shape
+    window = _FIRST_WIDTH**2 * np.eye(2)
+    for _ in range(_ROUNDS):
+        reaches = _REACH * np.sqrt(np.diag(window))
+        part = tuple(
+            slice(max(math.floor(c - reach), 0), min(math.ceil(c + reach) + 1, n))
+            for c, reach, n in zip(centre, reaches, shape, strict=True)
+        )
         dy = np.arange(part[0].start, part[0].stop)[:, None] - centre[0]
         dx = np.arange(part[1].start, part[1].stop)[None, :] - centre[1]
         inverse = np.linalg.inv(window)
@@ -343,11 +304,17 @@ def _adaptive_moments(light: Array, start: tuple[float, float]) -> tuple[Array, 
         own_shift, own_spread = _moments(weight**2, dy, dx)
         # Through its own window, a Gaussian shows half of a change of its place and covariance.
         centre = centre + 2 * (shift - own_shift)
-        wider = _widen_narrow_axes(window + 2 * (spread - own_spread))
+        values, axes = np.linalg.eigh(window + 2 * (spread - own_spread))
+        wider: Array = (axes * np.maximum(values, _NARROWEST**2)) @ axes.T
         change = float(np.abs(wider - window).max() / window.max())
         window = wider
-        _require_inside(centre, window, light.shape, widest)
-        if change < _SETTINGS.tolerance:
+        inside = all(0 <= c <= n - 1 for c, n in zip(centre, shape, strict=True))
+        if not (inside and np.linalg.eigvalsh(window)[1] <= (_WIDEST * min(shape)) ** 2):
+            raise ValueError(
+                f"the star is wider than a region of {shape[0]} x {shape[1]} pixels can tell, or "
+                "lies at its rim; enlarge the region, or move it"
+            )
+        if change < _TOLERANCE:
             break
     return centre, window
 
@@ -364,29 +331,3 @@ def _moments(weighted: Array, dy: Array, dx: Array) -> tuple[Array, Array]:
     mean = np.array([(share * dy).sum(), (share * dx).sum()])
     across = float((share * dy * dx).sum())
     return mean, np.array([[(share * dy**2).sum(), across], [across, (share * dx**2).sum()]])
-
-
-def _window_pixels(centre: Array, window: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Return the rows and columns on which a window isn't negligible."""
-    reaches = _SETTINGS.reach * np.sqrt(np.diag(window))
-    rows, columns = (
-        slice(max(math.floor(c - reach), 0), min(math.ceil(c + reach) + 1, n))
-        for c, reach, n in zip(centre, reaches, shape, strict=True)
-    )
-    return rows, columns
-
-
-def _widen_narrow_axes(covariance: Array) -> Array:
-    """Return a window's covariance with neither axis narrower than it may be."""
-    values, vectors = np.linalg.eigh(covariance)
-    limited: Array = (vectors * np.maximum(values, _SETTINGS.narrowest**2)) @ vectors.T
-    return limited
-
-
-def _require_inside(centre: Array, window: Array, shape: tuple[int, ...], widest: float) -> None:
-    inside = all(0 <= c <= n - 1 for c, n in zip(centre, shape, strict=True))
-    if not inside or not float(np.linalg.eigvalsh(window)[1]) <= widest:
-        raise ValueError(
-            f"the star is wider than a region of {shape[0]} x {shape[1]} pixels can tell, or lies "
-            "at its rim; enlarge the region, or move it"
-        )

@@ -15,25 +15,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_PREFERRED_PERIODS, _FALLBACK_PERIODS = (
-    (48, 40, 32, 27, 23, 20, 18, 16, 14, 12, 10),
-    (8.7, 7.4, 6.3, 5.3, 4.4),
-)
-"""Periods in panel pixels: those that are tried first, and those that are tried last. The coupling
-of neighbouring pixels blurs the edges of stripes, and patterns of long periods have few edges."""
-
+# Panel pixels; the coupling of neighbouring pixels blurs the edges of stripes
+_PREFERRED_PERIODS = (48, 40, 32, 27, 23, 20, 18, 16, 14, 12, 10)
+_FALLBACK_PERIODS = (8.7, 7.4, 6.3, 5.3, 4.4)  # panel pixels, tried last
+# Diffraction orders of equally wide stripes, and their amplitudes relative to the first
 _ORDERS = ((1, 1.0), (-1, 1.0), (3, 1 / 3), (-3, 1 / 3))
-"""Diffraction orders of equally wide stripes, and their amplitudes relative to the first."""
 
-_REGISTRATION_GRATINGS = (
-    (0.95, 15.0),
-    (0.8, 80.0),
-    (0.95, 140.0),
-    (0.6, 200.0),
-    (0.9, 255.0),
-    (0.75, 320.0),
-)
-"""Length, as a share of the longest, and direction in degrees of the registration's gratings. No
+_REGISTRATION_LENGTHS = (0.95, 0.8, 0.95, 0.6, 0.9, 0.75)
+_REGISTRATION_ANGLES = (15.0, 80.0, 140.0, 200.0, 255.0, 320.0)
+"""Lengths, as shares of the longest, and directions in degrees of the registration's gratings. No
 rotation and no reflection maps this set onto itself."""
 
 
@@ -46,26 +36,19 @@ def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tupl
         )
     edges = [np.linspace(0, n, count + 1).round() for n, count in zip(shape, regions, strict=True)]
     rows, columns = ([slice(int(a), int(b)) for a, b in itertools.pairwise(e)] for e in edges)
-    return [(row, column) for row in rows for column in columns]
+    return list(itertools.product(rows, columns))
 
 
 def registration_vectors(max_frequency: float) -> Array:
     """Return six grating vectors that register panel and sensor, (6, 2).
 
-    No rotation and no reflection maps the set onto itself.
     max_frequency: cycles per panel pixel, low enough for the spots to fall on the sensor in any
         orientation.
     """
     _require_frequency(max_frequency)
-    return np.array(
-        [
-            (
-                share * max_frequency * math.sin(math.radians(angle)),
-                share * max_frequency * math.cos(math.radians(angle)),
-            )
-            for share, angle in _REGISTRATION_GRATINGS
-        ]
-    )
+    polar = zip(_REGISTRATION_LENGTHS, map(math.radians, _REGISTRATION_ANGLES), strict=True)
+    found = [(s * max_frequency * math.sin(a), s * max_frequency * math.cos(a)) for s, a in polar]
+    return np.array(found)
 
 
 def region_vectors(
@@ -87,29 +70,20 @@ def region_vectors(
     _require_frequency(max_frequency)
     count = len(region_slices(shape, regions))
     lines = np.array([shape[0] // regions[0], shape[1] // regions[1]])
-    tried = [
-        (1 / period, apart)
-        for some in (_PREFERRED_PERIODS, _FALLBACK_PERIODS)
-        for apart in (8, 6)  # 8 line widths between spots are preferred, 6 are enough.
-        for period in some
-    ]
-    for length, apart in tried:
-        chosen = _choose_lattice_points(
-            _lattice(lines, min(length, max_frequency)), count, apart + blur * lines
-        )
-        if len(chosen) == count:
-            return np.array(chosen) / lines
+    for periods in (_PREFERRED_PERIODS, _FALLBACK_PERIODS):
+        # 8 line widths between spots are preferred, 6 are enough.
+        for apart, period in itertools.product((8, 6), periods):
+            # The vectors up to a length, (y, x) cycles per region, one of each opposite pair.
+            most = np.floor(min(1 / period, max_frequency) * lines).astype(int)
+            grid = np.mgrid[-most[0] : most[0] + 1, 0 : most[1] + 1].reshape(2, -1).T
+            grid = grid[np.hypot(*(grid / lines).T) <= min(1 / period, max_frequency)]
+            chosen = _choose_lattice_points(grid, count, apart + blur * lines)
+            if len(chosen) == count:
+                return np.array(chosen) / lines
     raise ValueError(
         f"regions is {regions}; the spots of {count} gratings can't be told apart on this sensor: "
         "choose fewer regions, or let more of the sensor be read"
     )
-
-
-def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64]:
-    """Return the vectors up to a length, (y, x) cycles per region, one of each opposite pair."""
-    most = np.floor(max_frequency * lines).astype(int)
-    grid = np.mgrid[-most[0] : most[0] + 1, 0 : most[1] + 1].reshape(2, -1).T
-    return grid[np.hypot(*(grid / lines).T) <= max_frequency]
 
 
 def _choose_lattice_points(

@@ -16,9 +16,7 @@ from scipy.special import ndtr
 
 from optics.measuring.paired_frames import PairedFrames, PairNoise, measure_pair
 from optics.measuring.pixel_maps import (
-    BOX,
     GroupDefects,
-    GroupMaps,
     Mask,
     average_frames,
     find_defects,
@@ -27,18 +25,10 @@ from optics.measuring.pixel_maps import (
 
 Array = NDArray[np.float64]
 
-STEP_VARIANCE = 1 / 12
-"""Variance that rounding adds to noise of more than half a step, in steps²."""
-
-SURE_VARIANCE = 0.36
-"""Variance of a noise, in steps², for which the twelfth is right to 1 %: at .6 steps, the largest
-error is 4 exp(-2π² · .36) of it."""
-
-_NODES = 2001
-"""Levels between -6 and 6 standard deviations over which pixels are summed."""
-
-_LEAST = 1e-3
-"""Least noise that is looked for, in steps."""
+STEP_VARIANCE = 1 / 12  # steps²: what rounding adds to noise of more than half a step
+SURE_VARIANCE = 0.36  # steps²: of a noise for which the twelfth is right to 1 %, 4 exp(-2π² · .36)
+_NODES = 2001  # levels between -6 and 6 standard deviations over which pixels are summed
+_LEAST = 1e-3  # steps: least noise that is looked for
 
 
 def rounded_moments(level: Array, noise: float) -> tuple[Array, Array]:
@@ -52,20 +42,6 @@ def rounded_moments(level: Array, noise: float) -> tuple[Array, Array]:
         mean += step * share
         square += step**2 * share
     return centre + mean, square - mean**2
-
-
-def temporal_variance(mean: float, spread: float, noise: float) -> float:
-    """Compute the mean temporal variance of pixels after rounding, in steps².
-
-    mean, spread: of the normal distribution of the pixels' levels.
-    noise: of each, in steps.
-    """
-    if spread < _LEAST:
-        return float(rounded_moments(np.array([mean]), noise)[1][0])
-    places = np.linspace(-6, 6, _NODES)
-    shares = np.exp(-(places**2) / 2)
-    variances = rounded_moments(mean + spread * places, noise)[1]
-    return float((shares * variances).sum() / shares.sum())
 
 
 def noise_below_a_step(mean: float, over_pixels: float, temporal: float) -> float:
@@ -87,7 +63,14 @@ def noise_below_a_step(mean: float, over_pixels: float, temporal: float) -> floa
     level, width = fitted.x
 
     def excess(noise: float) -> float:
-        return temporal_variance(level, math.sqrt(max(width**2 - noise**2, 0.0)), noise) - temporal
+        # Over the normal distribution of the pixels' levels.
+        spread = math.sqrt(max(width**2 - noise**2, 0.0))
+        if spread < _LEAST:
+            return float(rounded_moments(np.array([level]), noise)[1][0]) - temporal
+        places = np.linspace(-6, 6, _NODES)
+        shares = np.exp(-(places**2) / 2)
+        variances = rounded_moments(level + spread * places, noise)[1]
+        return float((shares * variances).sum() / shares.sum()) - temporal
 
     # Never more than the noise and the pixels' spread together.
     if excess(width) <= 0:
@@ -97,42 +80,10 @@ def noise_below_a_step(mean: float, over_pixels: float, temporal: float) -> floa
     return float(brentq(excess, _LEAST, width, xtol=1e-5))
 
 
-_BRIGHT = 99.9
-"""Percentile of a group's numbers that counts as its brightest pixel. Chosen, below defects."""
-
+_BRIGHT = 99.9  # percentile of a group's numbers that is its brightest pixel; chosen, below defects
+# Of the largest signal, up to which the brightest pixel is clear of clipping; chosen
 _OPEN_SHARE = 0.8
-"""Share of the largest number, above darkness, up to which the brightest pixel is clear of
-clipping. Chosen."""
-
-_LIT_SHARE = 0.05
-"""Share of the largest number from which an exposure tells of the response. Chosen."""
-
-
-@dataclass(frozen=True)
-class LightStatistics:
-    """A group of pixels in light of one exposure time.
-
-    exposure: seconds.
-    mean: number, DN.
-    brightest: number of the brightest pixel, DN.
-    signal: mean less the mean dark number.
-    variance, dark_variance: temporal, of a frame, DN².
-    spread, dark_spread: as in PairNoise.
-    count, dark_count: independent squares of both.
-    ratio: light of the later frames over that of the earlier ones.
-    """
-
-    exposure: float
-    mean: float
-    brightest: float
-    signal: float
-    variance: float
-    dark_variance: float
-    spread: float
-    dark_spread: float
-    count: int
-    dark_count: int
-    ratio: float
+_LIT_SHARE = 0.05  # of the largest signal, from which an exposure tells of the response; chosen
 
 
 @dataclass(frozen=True)
@@ -159,30 +110,29 @@ class DarkStatistics:
 
 
 @dataclass(frozen=True)
-class HalfProducts:
-    """Sums over pixels of two halves of a map, from which their covariance follows."""
+class LightStatistics:
+    """A group of pixels in light of one exposure time, and in darkness of the same.
 
-    count: int = 0
-    first: float = 0.0
-    second: float = 0.0
-    first_squares: float = 0.0
-    second_squares: float = 0.0
-    products: float = 0.0
+    Beside what `DarkStatistics` has, brightest: number of the brightest pixel, DN.
+    signal: mean less the mean dark number.
+    ratio: light of the later frames over that of the earlier ones.
+    """
 
-    @staticmethod
-    def of(first: NDArray[np.float64], second: NDArray[np.float64]) -> HalfProducts:
-        """Sum two halves, (n,) each."""
-        return HalfProducts(
-            len(first), float(first.sum()), float(second.sum()), float((first**2).sum()),
-            float((second**2).sum()), float((first * second).sum()),
-        )  # fmt: skip
+    exposure: float
+    mean: float
+    brightest: float
+    signal: float
+    variance: float
+    spread: float
+    count: int
+    ratio: float
+    dark: DarkStatistics
 
-    def __add__(self, other: HalfProducts) -> HalfProducts:
-        return HalfProducts(
-            self.count + other.count, self.first + other.first, self.second + other.second,
-            self.first_squares + other.first_squares,
-            self.second_squares + other.second_squares, self.products + other.products,
-        )  # fmt: skip
+
+def half_products(first: Array, second: Array) -> Array:
+    """Return count, sums, sums of squares and sum of products of a map's halves, (6,)."""
+    squares = (first**2).sum(), (second**2).sum()
+    return np.array([first.size, first.sum(), second.sum(), *squares, (first * second).sum()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,17 +141,16 @@ class GroupStatistics:
 
     filter: (row, column) of the group's colour filter in its period.
     light, dark: by rising exposure time.
-    response, offsets: sums of the halves of both maps, of relative response without slow changes
-        and of dark numbers less a reference.
-    defects: masks.
+    response, offsets: `half_products` of relative response without slow changes, zeros where that
+        isn't known, and of dark numbers.
     rows, columns: of the pixels.
     """
 
     filter: tuple[int, int]
     light: list[LightStatistics]
     dark: list[DarkStatistics]
-    response: HalfProducts
-    offsets: HalfProducts
+    response: Array
+    offsets: Array
     defects: GroupDefects
     rows: NDArray[np.int64]
     columns: NDArray[np.int64]
@@ -212,19 +161,16 @@ def measure_groups(source: PairedFrames) -> list[GroupStatistics]:
 
     Raises ValueError for numbers that aren't finite, or if half of a group looks defective.
     """
-    found = []
+    found, (down, along) = [], source.period
     for rows, columns in source.areas:
         frames = np.stack([np.asarray(frame[rows, columns]) for frame in source.frames])
         if not np.isfinite(frames).all():
             raise ValueError("a frame has NaN or infinite numbers; leave it out")
-        for y in range(source.period[0]):
-            for x in range(source.period[1]):
-                own = frames[:, y :: source.period[0], x :: source.period[1]]
-                if not own.size:
-                    continue
-                step = source.period
+        for y, x in np.ndindex(down, along):
+            own = frames[:, y::down, x::along]
+            if own.size:
                 places = np.mgrid[
-                    rows.start + y : rows.stop : step[0], columns.start + x : columns.stop : step[1]
+                    rows.start + y : rows.stop : down, columns.start + x : columns.stop : along
                 ]
                 found.append(_measure_group(source, own, (y, x), places))
     return found
@@ -249,10 +195,11 @@ def _measure_group(
     dark = [_dark_statistics(source, frames, time, good) for time in source.dark]
     levels = {one.exposure: one for one in dark}
     light = [_light_statistics(source, frames, levels[time], good) for time in source.light]
-    return GroupStatistics(
-        place, light, dark, _response_products(maps, good), _offset_products(maps, good), defects,
-        places[0], places[1],
-    )  # fmt: skip
+    response = np.zeros(6)
+    if maps.response is not None:
+        response = half_products(*(without_slow_changes(one, good)[good] for one in maps.response))
+    offsets = half_products(maps.dark[0][good], maps.dark[1][good])
+    return GroupStatistics(place, light, dark, response, offsets, defects, *places)
 
 
 def _bright_exposures(source: PairedFrames, frames: NDArray[Any]) -> list[float]:
@@ -275,10 +222,9 @@ def _dark_statistics(
     pairs = [measure_pair(frames[a], frames[b], good) for a, b in source.dark[time]]
     every = [frames[index][good] for pair in source.dark[time] for index in pair]
     mean, variance, spread, count = _combine(pairs)
-    return DarkStatistics(
-        time, mean, variance, float(np.mean([one.var(dtype=np.float64) for one in every])), spread,
-        count, float(np.mean([(one <= 0).mean() for one in every])), int(good.sum()),
-    )  # fmt: skip
+    over_pixels = float(np.mean([one.var(dtype=np.float64) for one in every]))
+    zeros = float(np.mean([(one <= 0).mean() for one in every]))
+    return DarkStatistics(time, mean, variance, over_pixels, spread, count, zeros, int(good.sum()))
 
 
 def _light_statistics(
@@ -288,11 +234,11 @@ def _light_statistics(
     listed = source.light[dark.exposure]
     pairs = [measure_pair(frames[a], frames[b], good, dark.mean) for a, b in listed]
     mean, variance, spread, count = _combine(pairs)
+    brightest = float(np.percentile(frames[listed[0][0]][good], _BRIGHT))
+    ratio = max((one.ratio for one in pairs), key=lambda ratio: abs(ratio - 1))
     return LightStatistics(
-        dark.exposure, mean, float(np.percentile(frames[listed[0][0]][good], _BRIGHT)),
-        mean - dark.mean, variance, dark.variance, spread, dark.spread, count, dark.count,
-        max((one.ratio for one in pairs), key=lambda ratio: abs(ratio - 1)),
-    )  # fmt: skip
+        dark.exposure, mean, brightest, mean - dark.mean, variance, spread, count, ratio, dark
+    )
 
 
 def _combine(pairs: list[PairNoise]) -> tuple[float, float, float, int]:
@@ -304,21 +250,3 @@ def _combine(pairs: list[PairNoise]) -> tuple[float, float, float, int]:
         float(np.mean([one.spread for one in pairs])),
         sum(counts),
     )
-
-
-def _response_products(maps: GroupMaps, good: Mask) -> HalfProducts:
-    """Sum the halves of a group's response."""
-    if maps.response is None:
-        return HalfProducts()
-    first, second = (without_slow_changes(one, good)[good] for one in maps.response)
-    return HalfProducts.of(first, second)
-
-
-def _offset_products(maps: GroupMaps, good: Mask) -> HalfProducts:
-    """Sum the halves of a group's dark numbers."""
-    return HalfProducts.of(maps.dark[0][good], maps.dark[1][good])
-
-
-def box_share() -> float:
-    """Return the share of the response's variance that is left without slow changes."""
-    return 1 - 1 / BOX**2

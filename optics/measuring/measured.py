@@ -1,4 +1,4 @@
-"""A measured quantity with its standard uncertainty, and what is computed from several."""
+"""A measured quantity with its standard uncertainty, and the mean of several."""
 
 from __future__ import annotations
 
@@ -31,10 +31,8 @@ class Measured:
 
     def times(self, other: Measured) -> Measured:
         """Return the product with an independent quantity."""
-        return Measured(
-            self.value * other.value,
-            math.hypot(self.sigma * other.value, self.value * other.sigma),
-        )
+        sigma = math.hypot(self.sigma * other.value, self.value * other.sigma)
+        return Measured(self.value * other.value, sigma)
 
     @property
     def inverse(self) -> Measured:
@@ -60,32 +58,3 @@ def weighted_mean(values: Array, sigmas: Array) -> Measured:
     mean = float((weights * values).sum() / weights.sum())
     chi2 = float((weights * (values - mean) ** 2).sum()) / max(len(values) - 1, 1)
     return Measured(mean, math.sqrt(max(chi2, 1.0) / float(weights.sum())))
-
-
-@dataclass(frozen=True)
-class Line:
-    """A straight line through points: value at 0 and slope, and how well it fits.
-
-    covariance: (2, 2), of both.
-    chi2: mean squared residual per degree of freedom, in variances.
-    """
-
-    start: float
-    slope: float
-    covariance: Array
-    chi2: float
-
-
-def fit_line(x: Array, y: Array, sigmas: Array) -> Line:
-    """Fit a straight line to points of known uncertainty, all (n,).
-
-    Where they scatter more than they should, the covariance is larger by as much.
-    """
-    design = np.stack([np.ones_like(x), x], axis=1) / sigmas[:, None]
-    # Times of milliseconds and numbers of thousands are brought to the same size.
-    scale = np.linalg.norm(design, axis=0)
-    inverse = np.linalg.inv((design / scale).T @ (design / scale)) / np.outer(scale, scale)
-    start, slope = inverse @ design.T @ (y / sigmas)
-    left = (y - start - slope * x) / sigmas
-    chi2 = float((left**2).sum()) / max(len(x) - 2, 1)
-    return Line(float(start), float(slope), inverse * max(chi2, 1.0), chi2)

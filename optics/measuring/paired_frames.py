@@ -13,22 +13,18 @@ from numpy.typing import NDArray
 
 from optics.validation import require_unmasked
 
-Area = tuple[slice, slice]
 Pairs = dict[float, list[tuple[int, int]]]
 """Indices of two frames each, by exposure time in seconds."""
 
 MIN_EXPOSURES = 5
 """Fewest exposure times of a photon transfer curve. EMVA 1288 asks for 50."""
 
+# Fewest pixels of an area: its variance is then known to 3 %, and about normal; chosen
 _AREA_PIXELS = 2000
-"""Fewest pixels of an area: its variance is then known to 3 %, and about normal. Chosen."""
-
+# Sixteen points for each exposure time tell whether the fit describes them; chosen
 _AREAS_A_SIDE = 4
-"""Areas along either side of a sensor with pixels enough. Chosen: sixteen points for each exposure
-time tell whether the fit describes them."""
-
+# Pixels: longest side of an area, which limits the memory for all of its frames
 _LARGEST_AREA = 500
-"""Longest side of an area in pixels, which limits the memory for all of its frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +65,26 @@ class PairedFrames:
     def __post_init__(self) -> None:
         require_unmasked(self.frames, self.exposures, self.lit, self.times)
         times = None if self.times is None else np.asarray(self.times, dtype=np.float64).ravel()
-        for name, value in (
-            ("exposures", np.asarray(self.exposures, dtype=np.float64).ravel()),
-            ("lit", np.asarray(self.lit, dtype=bool).ravel()),
-            ("times", times),
-        ):
-            object.__setattr__(self, name, value)
+        vars(self).update(
+            exposures=np.asarray(self.exposures, dtype=np.float64).ravel(),
+            lit=np.asarray(self.lit, dtype=bool).ravel(),
+            times=times,
+        )
         self._require_alike()
-        object.__setattr__(self, "light", _pairs(self.exposures, self.lit, "lit"))
-        object.__setattr__(self, "dark", _pairs(self.exposures, ~self.lit, "dark"))
-        self._require_darks()
+        vars(self)["light"] = _pairs(self.exposures, self.lit, "lit")
+        vars(self)["dark"] = _pairs(self.exposures, ~self.lit, "dark")
+        missing = [time for time in self.light if time not in self.dark]
+        if missing:
+            listed = ", ".join(f"{time * 1e3:g}" for time in missing[:5])
+            more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+            raise ValueError(
+                f"there are no dark frames of {listed} ms{more}; take two of every exposure time"
+            )
+        if len(self.light) < MIN_EXPOSURES:
+            raise ValueError(
+                f"the light was taken at {len(self.light)} exposure times, and a curve needs "
+                f"{MIN_EXPOSURES} or more; take them evenly from darkness to saturation"
+            )
 
     def _require_alike(self) -> None:
         """Raise ValueError unless all frames fit together."""
@@ -100,21 +106,6 @@ class PairedFrames:
         if self.lit.all():
             raise ValueError("no frame is dark; take two dark frames of every exposure time, too")
 
-    def _require_darks(self) -> None:
-        """Raise ValueError unless the exposures are enough, each with its dark frames."""
-        missing = [time for time in self.light if time not in self.dark]
-        if missing:
-            listed = ", ".join(f"{time * 1e3:g}" for time in missing[:5])
-            more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
-            raise ValueError(
-                f"there are no dark frames of {listed} ms{more}; take two of every exposure time"
-            )
-        if len(self.light) < MIN_EXPOSURES:
-            raise ValueError(
-                f"the light was taken at {len(self.light)} exposure times, and a curve needs "
-                f"{MIN_EXPOSURES} or more; take them evenly from darkness to saturation"
-            )
-
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the frames."""
@@ -122,23 +113,19 @@ class PairedFrames:
         return int(rows), int(columns)
 
     @property
-    def areas(self) -> list[Area]:
+    def areas(self) -> list[tuple[slice, slice]]:
         """Areas that cover the sensor, each with the same colour filter in its corner."""
-        rows, columns = self.shape
-        own = rows * columns / math.prod(self.period)
+        own = math.prod(self.shape) / math.prod(self.period)
         sides = max(1, min(_AREAS_A_SIDE, math.isqrt(int(own / _AREA_PIXELS))))
-        edges = [
-            _edges(n, max(sides, math.ceil(n / (_LARGEST_AREA * step))), step)
-            for n, step in zip((rows, columns), self.period, strict=True)
-        ]
-        return [(y, x) for y in edges[0] for x in edges[1]]
-
-
-def _edges(length: int, count: int, step: int) -> list[slice]:
-    """Divide a side of a frame into slices that begin at multiples of a step."""
-    ends = np.linspace(0, length / step, count + 1).round().astype(int) * step
-    ends[-1] = length
-    return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends) if b > a]
+        found = []
+        for length, step in zip(self.shape, self.period, strict=True):
+            count = max(sides, math.ceil(length / (_LARGEST_AREA * step)))
+            ends = np.linspace(0, length / step, count + 1).round().astype(int) * step
+            ends[-1] = length
+            pairs = itertools.pairwise(ends.tolist())
+            found.append([slice(a, b) for a, b in pairs if b > a])
+        rows, columns = found
+        return [(y, x) for y in rows for x in columns]
 
 
 def _pairs(exposures: NDArray[np.float64], chosen: NDArray[np.bool_], kind: str) -> Pairs:
@@ -158,12 +145,8 @@ def _pairs(exposures: NDArray[np.float64], chosen: NDArray[np.bool_], kind: str)
 Frame = NDArray[Any]
 Mask = NDArray[np.bool_]
 
-_BLOCK = 16
-"""Side in pixels of the blocks over which the light's change counts as even. Chosen."""
-
-_SURE_SIGNAL = 100.0
-"""Signal over the noise of its mean from which frames are scaled to each other: dimmer ones tell
-nothing of the lamp. Chosen."""
+_BLOCK = 16  # pixels: side of the blocks over which the light's change counts as even; chosen
+_SURE_SIGNAL = 100.0  # signal over its noise from which frames tell a change of the lamp; chosen
 
 
 @dataclass(frozen=True)
@@ -182,7 +165,7 @@ class PairNoise:
     variance: float
     spread: float
     count: int
-    ratio: float = 1.0
+    ratio: float
 
 
 def measure_pair(first: Frame, second: Frame, good: Mask, dark: float | None = None) -> PairNoise:
@@ -193,12 +176,11 @@ def measure_pair(first: Frame, second: Frame, good: Mask, dark: float | None = N
     The estimate of the variance is unbiased for any light, even or not, that keeps its shape.
     """
     a, b = first.astype(np.float64), second.astype(np.float64)
-    count = int(good.sum())
     means = float(a[good].mean()), float(b[good].mean())
     ratio = 1.0
     if dark is not None:
         signals = means[0] - dark, means[1] - dark
-        chance = float(np.std((a - b)[good])) / math.sqrt(count)
+        chance = float(np.std((a - b)[good])) / math.sqrt(int(good.sum()))
         if min(signals) > _SURE_SIGNAL * chance:
             ratio = signals[1] / signals[0]
             # Half the difference's variance stays K times the mean signal of both.
@@ -208,8 +190,10 @@ def measure_pair(first: Frame, second: Frame, good: Mask, dark: float | None = N
     squares = left[good] ** 2
     mean_square = float(squares.mean())
     spread = float((squares**2).mean()) / mean_square**2 - 1 if mean_square else 2.0
-    variance = float(squares.sum()) / max(freedom, 1) / 2
-    return PairNoise(sum(means) / 2, variance, max(spread, 0.0), max(freedom, 1), ratio)
+    count = max(freedom, 1)
+    return PairNoise(
+        sum(means) / 2, float(squares.sum()) / count / 2, max(spread, 0.0), count, ratio
+    )
 
 
 def _without_blocks(difference: NDArray[np.float64], good: Mask) -> tuple[Frame, int]:

@@ -18,20 +18,13 @@ from optics.validation import require_positive
 
 Array = NDArray[np.float64]
 
-MOST_BLUR = 1.5
-"""Largest standard deviation of the blur, in pixels, for which the law is computed; chosen."""
-
-_BLURS = (0.0, 0.1, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.25, MOST_BLUR)
-"""Standard deviations of the blur, in pixels, at which the law is computed."""
-
-_NODES, _WEIGHTS = gauss_legendre(7)
-"""Nodes along an axis of a pixel's active area at which the phase is evaluated."""
-
-_HEIGHTS = 257
-"""Number of heights between the two levels into which the blurred pattern is sorted; chosen."""
-
+_MOST_BLUR = 1.5  # pixels: largest standard deviation of the blur; chosen
+# Pixels: standard deviations at which the law is computed
+_BLURS = (0.0, 0.1, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.25, _MOST_BLUR)
+_NODES, _WEIGHTS = gauss_legendre(7)  # along an axis of a pixel's active area
+_HEIGHTS = 257  # between the two levels, into which the blurred pattern is sorted; chosen
+# Nodes, in standard deviations of the ripple, and their weights
 _GAUSS_HERMITE = ((-math.sqrt(3.0), 1 / 6), (0.0, 2 / 3), (math.sqrt(3.0), 1 / 6))
-"""Gauss-Hermite nodes, in standard deviations of the ripple, and their weights."""
 
 
 class StripeLaw:
@@ -67,15 +60,9 @@ class StripeLaw:
         spacing = 0.05  # The law is a spline between steps that are 0.05 radians apart.
         steps = np.arange(0, max_step + 2 * spacing, spacing)
         turned = np.exp(1j * np.outer(steps, np.linspace(0, 1, _HEIGHTS)))
-        light = np.stack(
-            [
-                np.abs(turned @ _wave_by_height(patch, wave, vector, blur, active_side)) ** 2
-                for blur in _BLURS
-            ],
-            axis=1,
-        )
-        hard = light[:, 0].max()
-        self._law = RectBivariateSpline(steps, np.square(_BLURS), light / hard)
+        sums = (_wave_by_height(patch, wave, vector, blur, active_side) for blur in _BLURS)
+        light = np.stack([np.abs(turned @ one) ** 2 for one in sums], axis=1)
+        self._law = RectBivariateSpline(steps, np.square(_BLURS), light / light[:, 0].max())
         self._most = float(steps[-1])
 
     def __call__(self, step: Array, blur2: float = 0.0, ripple2: float = 0.0) -> Array:
@@ -95,9 +82,8 @@ class StripeLaw:
         """Compute the derivatives of the light by step and by blur2."""
         by_step, by_blur = np.zeros(np.shape(step)), np.zeros(np.shape(step))
         for stretch, weight in _ripple_nodes(ripple2):
-            by_step += (
-                weight * stretch * self._evaluate(step * stretch, blur2, dx=1) * np.sign(step)
-            )
+            along = self._evaluate(step * stretch, blur2, dx=1)
+            by_step += weight * stretch * along * np.sign(step)
             by_blur += weight * self._evaluate(step * stretch, blur2, dy=1)
         return by_step, by_blur
 
@@ -114,10 +100,10 @@ def _ripple_nodes(ripple2: float) -> list[tuple[float, float]]:
 
 
 def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.complex128]:
-    """Return the first-order wave exp(-2πi k·r) at the panel's pixels.
+    """Return the first-order wave exp(-2πi k·r) at the panel's pixels, times a tapered window.
 
-    The wave is multiplied by a tapered window. Its mean is subtracted, because a constant phase of
-    the whole panel sends no light into the first order.
+    Its mean is subtracted, because a constant phase of the whole panel sends no light into the
+    first order.
     """
     fading = np.outer(*(np.hanning(n + 2)[1:-1] for n in shape))
     y, x = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
@@ -147,9 +133,8 @@ def _wave_by_height(
 def _blur_axis(values: Array, blur: float, place: float, axis: int) -> Array:
     """Blur a staircase of pixels along an axis by a Gaussian, to one sample per pixel.
 
-    place: the position of the sample in its pixel, in pixels from the centre.
-
-    The outermost pixels are continued.
+    place: of the sample in its pixel, in pixels from the centre. The outermost pixels are
+    continued.
     """
     if blur == 0:
         return values
@@ -160,8 +145,7 @@ def _blur_axis(values: Array, blur: float, place: float, axis: int) -> Array:
     return correlate1d(values, taps / taps.sum(), axis=axis, mode="nearest")
 
 
-MIN_LEVELS = 12
-"""Fewest levels of a sweep from which a phase curve can be fitted; chosen."""
+MIN_LEVELS = 12  # fewest levels of a sweep from which a phase curve can be fitted; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,47 +182,22 @@ class Sweep:
 
     def select(self, inliers: NDArray[np.bool_]) -> Sweep:
         """Return the sweep with its inlier frames only."""
-        return Sweep(
-            self.low[inliers],
-            self.high[inliers],
-            self.light[inliers],
-            self.noise[inliers],
-            self.law,
-        )
+        low, high, light, noise = self.low, self.high, self.light, self.noise
+        return Sweep(low[inliers], high[inliers], light[inliers], noise[inliers], self.law)
 
 
 SWING, OFFSET, BLUR2, RIPPLE2, GHOST, FIRST_INCREMENT = range(6)
 """Indices of a phase curve's parameters; the increments follow from FIRST_INCREMENT on."""
 
 
-@dataclass(frozen=True)
-class PhaseCurveSettings:
-    """Tune the fit of phase curves; all values are chosen.
-
-    no_ghost, some_ghost: expected standard deviations of the ghost, as shares of the swing, of a
-        fit without and of one with a ghost.
-    usual_blur2: expected square of the blur, panel pixels squared.
-    usual_ripple2: expected square of the ripple, which is a share of the phase.
-    most_ripple: upper bound of the ripple, as a share of the phase.
-    most_ghost: bound of the ghost, as a share of the swing.
-    difference_step: step of the squared ripple for its derivative by differences.
-    steps: most evaluations of one least-squares fit.
-    end_knot_density: how much denser the spline's knots are at the ends, where a curve may bend
-        most.
-    """
-
-    no_ghost: float = 1e-5
-    some_ghost: float = 0.03
-    usual_blur2: float = 0.5**2
-    usual_ripple2: float = 0.02**2
-    most_ripple: float = 0.08
-    most_ghost: float = 0.3
-    difference_step: float = 1e-8
-    steps: int = 100
-    end_knot_density: float = 0.35
-
-
-SETTINGS = PhaseCurveSettings()
+# The ghost's expected deviations and bound over the swing; chosen
+NO_GHOST, SOME_GHOST, _MOST_GHOST = 1e-5, 0.03, 0.3
+# Panel pixels², shares of the phase; chosen
+_USUAL_BLUR2, _USUAL_RIPPLE2, _MOST_RIPPLE = 0.5**2, 0.02**2, 0.08
+_DIFFERENCE_STEP = 1e-8  # of the squared ripple, for its derivative
+_STEPS = 100  # evaluations of one least-squares fit at most; chosen
+# More knots of the spline at the ends, where a curve may bend most; chosen
+_END_KNOT_DENSITY = 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,30 +210,22 @@ class PhaseCurve:
     parameters: swing and offset of the light; squares of blur and ripple, in which the light is
         linear while they are small; the ghost, a share of the swing, which is the tail of the
         zeroth order that interferes with the first; and the spline's increments.
-    ghost_sigma: the expected ghost, `SETTINGS.no_ghost` or `SETTINGS.some_ghost`.
+    ghost_sigma: the expected ghost, `NO_GHOST` or `SOME_GHOST`.
     """
 
     sweep: Sweep
     top: int
     parameters: Array
-    ghost_sigma: float = SETTINGS.no_ghost
+    ghost_sigma: float = NO_GHOST
 
     @property
     def _prior_sigmas(self) -> dict[int, float]:
         """The prior standard deviations of parameters, by index."""
-        return {
-            BLUR2: SETTINGS.usual_blur2,
-            RIPPLE2: SETTINGS.usual_ripple2,
-            GHOST: self.ghost_sigma,
-        }
+        return {BLUR2: _USUAL_BLUR2, RIPPLE2: _USUAL_RIPPLE2, GHOST: self.ghost_sigma}
 
     @property
     def increments(self) -> Array:
         return self.parameters[FIRST_INCREMENT:]
-
-    @property
-    def increment_count(self) -> int:
-        return len(self.increments)
 
     @property
     def phase_range(self) -> float:
@@ -285,7 +236,7 @@ class PhaseCurve:
     def basis(self) -> Array:
         """The derivative of each frame's phase step by each increment, (n, count)."""
         low, high = (
-            monotone_spline_basis(levels, self.top, self.increment_count)
+            monotone_spline_basis(levels, self.top, len(self.increments))
             for levels in (self.sweep.low, self.sweep.high)
         )
         return high - low
@@ -307,7 +258,7 @@ class PhaseCurve:
 
     def jacobian(self, parameters: Array) -> Array:
         """Compute the derivatives of the residuals, (n + 3, parameters)."""
-        p, law, dr = parameters, self.sweep.law, SETTINGS.difference_step
+        p, law, dr = parameters, self.sweep.law, _DIFFERENCE_STEP
         steps = self.basis @ p[FIRST_INCREMENT:]
         share = law(steps, p[BLUR2], p[RIPPLE2])
         by_step, by_blur = law.derivatives(steps, p[BLUR2], p[RIPPLE2])
@@ -316,18 +267,14 @@ class PhaseCurve:
         lead = [share + p[GHOST] * np.sin(steps), np.ones_like(share)]
         lead += [p[SWING] * column for column in (by_blur, by_ripple, np.sin(steps))]
         found = np.column_stack([*lead, p[SWING] * turn[:, None] * self.basis])
-        known = np.zeros((len(self._prior_sigmas), len(p)))
-        for row, (k, usual) in enumerate(self._prior_sigmas.items()):
-            known[row, k] = 1 / usual
+        priors = self._prior_sigmas
+        known = np.zeros((len(priors), len(p)))
+        known[range(len(priors)), list(priors)] = [1 / usual for usual in priors.values()]
         return np.concatenate([found / self.sweep.noise[:, None], known])
 
-    @property
-    def misfit(self) -> Array:
-        """The residuals without the priors, in standard deviations, (n,)."""
-        return self.residuals(self.parameters)[: -len(self._prior_sigmas)]
-
-    @property
+    @cached_property
     def cost(self) -> float:
+        """The sum of the squared residuals, those of the priors included."""
         return float((self.residuals(self.parameters) ** 2).sum())
 
     @property
@@ -335,15 +282,6 @@ class PhaseCurve:
         """The Bayesian information criterion, for noise of unknown scale; less is better."""
         n = len(self.sweep.light)
         return n * math.log(max(self.cost, 1e-3 * n) / n) + len(self.parameters) * math.log(n)
-
-    def covariance(self, inliers: NDArray[np.bool_]) -> Array:
-        """Compute the covariance of the parameters from inlier frames, (p, p).
-
-        A parameter on a bound counts as free, so that the covariance isn't too small.
-        """
-        kept = np.concatenate([inliers, np.ones(len(self._prior_sigmas), dtype=bool)])
-        jacobian = self.jacobian(self.parameters)[kept]
-        return np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
 
     def with_fitted_swing(self) -> PhaseCurve:
         """Return the curve with its linear parameters, swing and offset, fitted."""
@@ -356,24 +294,18 @@ class PhaseCurve:
         """Fit the curve to its sweep by least squares, from its own parameters on."""
         lower = np.zeros_like(self.parameters)
         upper = np.full_like(self.parameters, np.inf)
-        ghost = SETTINGS.most_ghost
-        lower[OFFSET], lower[GHOST] = -np.inf, -ghost
-        upper[[BLUR2, RIPPLE2, GHOST]] = MOST_BLUR**2, SETTINGS.most_ripple**2, ghost
+        lower[OFFSET], lower[GHOST] = -np.inf, -_MOST_GHOST
+        upper[[BLUR2, RIPPLE2, GHOST]] = _MOST_BLUR**2, _MOST_RIPPLE**2, _MOST_GHOST
         start = np.clip(self.parameters, lower + 1e-9, upper - 1e-9)
         found = least_squares(
-            self.residuals,
-            start,
-            self.jacobian,
-            bounds=(lower, upper),
-            x_scale="jac",
-            max_nfev=SETTINGS.steps,
+            self.residuals, start, self.jacobian, (lower, upper), x_scale="jac", max_nfev=_STEPS
         )
         return replace(self, parameters=found.x)
 
     def with_increments(self, count: int) -> PhaseCurve:
         """Return the same curve with another number of spline increments."""
         fine = np.linspace(0, self.top, 8 * count)
-        phase = monotone_spline_basis(fine, self.top, self.increment_count) @ self.increments
+        phase = monotone_spline_basis(fine, self.top, len(self.increments)) @ self.increments
         basis = monotone_spline_basis(fine, self.top, count)
         increments, *_ = np.linalg.lstsq(basis, phase, rcond=None)
         start = np.concatenate([self.parameters[:FIRST_INCREMENT], np.clip(increments, 1e-4, None)])
@@ -388,8 +320,7 @@ def monotone_spline_basis(levels: Array | NDArray[np.int64], top: int, count: in
     (de Boor 1978), that is, if no increment is negative.
     """
     x = np.linspace(0, 1, count - 1)
-    density = SETTINGS.end_knot_density
-    inner = top * (x - density * np.sin(2 * math.pi * x) / (2 * math.pi))
+    inner = top * (x - _END_KNOT_DENSITY * np.sin(2 * math.pi * x) / (2 * math.pi))
     knots = np.concatenate([np.zeros(3), inner, np.full(3, float(top))])
     splines = BSpline.design_matrix(np.asarray(levels, dtype=np.float64), knots, 3).toarray()
     # An increment raises its own coefficient and all later ones.

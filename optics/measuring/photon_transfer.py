@@ -21,36 +21,31 @@ from optics.measuring.group_statistics import (
 )
 from optics.measuring.measured import Array, Measured, weighted_mean
 
+# Of the largest: below it, read noise is left, and all pixels are full; chosen
 _FULL_VARIANCE = 0.1
-"""Variance, relative to the largest, below which a group beyond it is saturated. Chosen: read noise
-is left of the noise, and of an evenly lit group no pixel that isn't full."""
-
-_AT_TOP = 0.5
-"""Numbers from the converter's end within which a saturated mean is its end."""
+_AT_TOP = 0.5  # numbers from the converter's end within which a saturated mean is its end
 
 
-@dataclass(frozen=True)
-class ClipLevel:
-    """The number at which pixels clip, DN, and what ends there."""
-
-    number: Measured
-    limit: Literal["converter", "well"]
-
-
-def find_clip_level(groups: Sequence[GroupStatistics], top_number: int) -> ClipLevel | None:
-    """Find the number at which pixels clip; None if no group of them saturates.
+def find_clip_level(
+    groups: Sequence[GroupStatistics], top_number: int
+) -> tuple[Measured, Literal["converter", "well"]] | tuple[None, None]:
+    """Return the number at which pixels clip, DN, and what ends there; None if none saturates.
 
     Raises ValueError if numbers exceed the converter's end as it is said to be.
     """
-    full = [one for group in groups for one in _saturated_exposures(group.light)]
-    if any(one.brightest > top_number for group in groups for one in group.light):
-        most = max(one.brightest for group in groups for one in group.light)
+    most = max(one.brightest for group in groups for one in group.light)
+    if most > top_number:
         raise ValueError(
             f"frames have numbers up to {most:g}, and the converter is said to end at "
             f"{top_number}; correct the sensor's bits or clip level"
         )
+    full = []
+    for light in (group.light for group in groups):
+        largest = _noisiest(light)
+        limit = _FULL_VARIANCE * light[largest].variance
+        full += [one for one in light[largest + 1 :] if one.variance < limit + one.dark.variance]
     if not full:
-        return None
+        return None, None
     means = np.array([one.mean for one in full])
     # A converter's end has no noise. Its numbers are whole.
     sigmas = np.array([math.sqrt(max(one.variance, 1e-6) / (2 * one.count)) for one in full])
@@ -59,20 +54,16 @@ def find_clip_level(groups: Sequence[GroupStatistics], top_number: int) -> ClipL
     if is_top or np.mean([one.variance for one in full]) < SURE_VARIANCE:
         # Rounding hides where between two steps the end is.
         number = Measured(number.value, math.hypot(number.sigma, math.sqrt(STEP_VARIANCE)))
-    return ClipLevel(number, "converter" if is_top else "well")
+    return number, "converter" if is_top else "well"
 
 
-def _saturated_exposures(light: Sequence[LightStatistics]) -> list[LightStatistics]:
-    """Return the exposures of a group at which all of its pixels are saturated."""
-    largest = max(range(len(light)), key=lambda number: light[number].variance)
-    limit = _FULL_VARIANCE * light[largest].variance
-    return [one for one in light[largest + 1 :] if one.variance < limit + one.dark_variance]
+def _noisiest(light: Sequence[LightStatistics]) -> int:
+    """Return the index of the exposure with the largest variance."""
+    return max(range(len(light)), key=lambda number: light[number].variance)
 
 
-def is_open(one: LightStatistics, full: float | None, share: float) -> bool:
-    """Tell whether a group of pixels is below a share of saturation.
-
-    full: signal at which pixels clip, DN; None if none does.
+def _is_open(one: LightStatistics, full: float | None, share: float) -> bool:
+    """Tell whether a group of pixels is below a share of saturation, a signal in DN, if any.
 
     The brightest pixel must be clear of clipping, too, which counts where light is uneven.
     """
@@ -89,29 +80,21 @@ def saturation_signal(groups: Sequence[GroupStatistics]) -> Measured | None:
     The groups that are lit as the middle one is tell it.
     """
     found = []
-    for group in groups:
-        light = group.light
-        largest = max(range(len(light)), key=lambda number: light[number].variance)
-        if largest == len(light) - 1:
-            continue
-        below = light[max(largest - 1, 0)].signal
-        step = max(light[largest].signal - below, light[largest + 1].signal - light[largest].signal)
-        found.append((light[largest].signal, step / math.sqrt(12)))
-    if not found:
-        return None
-    signals, steps = (np.array(one) for one in zip(*found, strict=True))
-    return Measured(float(np.median(signals)), float(np.median(steps)))
+    for light in (group.light for group in groups):
+        largest = _noisiest(light)
+        if largest < len(light) - 1:
+            here, below = light[largest].signal, light[max(largest - 1, 0)].signal
+            step = max(here - below, light[largest + 1].signal - here)
+            found.append((here, step / math.sqrt(12)))
+    return Measured(*np.median(found, axis=0).tolist()) if found else None
 
 
 FIT_SHARE = 0.7
 """Share of saturation up to which the curve is fitted (EMVA 1288, section 6.6)."""
 
+# The third changes the gain by less than 1e-6; a drift of a fifth is then right to 1e-4
 _PASSES = 4
-"""Passes in which weights follow the fit: the third changes the gain by less than 1e-6. Also those
-in which a lamp's drift is found; a drift of a fifth is then right to 1e-4."""
-
-_FEWEST = 3
-"""Fewest exposure times that are fitted."""
+_FEWEST = 3  # exposure times that are fitted, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +137,9 @@ def fit_photon_transfer(
     """
     points = [one for group in groups for one in group.light]
     signal = np.array([one.signal for one in points])
-    used = np.array([_is_fitted(one, full, coarse) for one in points])
+    is_sure = [coarse is None or one.variance - STEP_VARIANCE > SURE_VARIANCE for one in points]
+    is_open = [one.signal > 0 and _is_open(one, full, FIT_SHARE) for one in points]
+    used = np.array(is_sure) & np.array(is_open)
     exposure = np.array([one.exposure for one in points])
     if len(set(exposure[used])) < _FEWEST:
         raise ValueError(
@@ -162,14 +147,16 @@ def fit_photon_transfer(
             f"{FIT_SHARE:.0%} of saturation, and the fit needs {_FEWEST} or more; take shorter "
             "ones, or dim the light"
         )
-    dark = np.array([one.dark_variance for one in points])
+    dark = np.array([one.dark.variance for one in points])
     if coarse is not None:
         dark = np.full(len(points), STEP_VARIANCE + coarse.value)
     variance = np.array([one.variance for one in points]) - dark
     gain, offset = float(variance[used].sum() / signal[used].sum()), 0.0
     for _ in range(_PASSES):
         sigma = _uncertainties(points, gain, offset, coarse)
-        gain, offset, covariance = _fit(signal, variance, sigma, used, coarse is not None)
+        gain, offset, covariance = _fit(
+            signal[used], variance[used], sigma[used], coarse is not None
+        )
     left = (variance - gain * (signal + offset))[used] / sigma[used]
     freedom = int(used.sum()) - (1 if coarse is None else 2)
     chi2 = float((left**2).sum()) / max(freedom, 1)
@@ -177,9 +164,9 @@ def fit_photon_transfer(
     if coarse is not None:
         # An error of the dark noise raises or lowers the whole line.
         covariance[1, 1] += (coarse.sigma / gain) ** 2
-    errors = np.sqrt(np.diag(covariance))
+    errors = np.sqrt(np.diag(covariance)).tolist()
     return PhotonTransfer(
-        Measured(gain, float(errors[0])), Measured(offset, float(errors[1])), covariance,
+        Measured(gain, errors[0]), Measured(offset, errors[1]), covariance,
         chi2, freedom, signal, variance, sigma, exposure, used,
     )  # fmt: skip
 
@@ -193,53 +180,42 @@ def electrons(transfer: PhotonTransfer, signal: Measured) -> Measured:
     return Measured(value, math.sqrt(variance))
 
 
-def _is_fitted(one: LightStatistics, full: float | None, coarse: Measured | None) -> bool:
-    sure = coarse is None or one.variance - STEP_VARIANCE > SURE_VARIANCE
-    return sure and one.signal > 0 and is_open(one, full, FIT_SHARE)
-
-
 def _uncertainties(
     points: Sequence[LightStatistics], gain: float, offset: float, coarse: Measured | None
 ) -> Array:
     """Return the uncertainties of the points, variances less dark variances, DN²."""
     found = []
     for one in points:
-        dark = one.dark_variance if coarse is None else STEP_VARIANCE + coarse.value
+        dark = one.dark.variance if coarse is None else STEP_VARIANCE + coarse.value
         expected = max(gain * (one.signal + offset), 0.0) + dark
         own = expected * math.sqrt(one.spread / one.count)
-        shared = dark * math.sqrt(one.dark_spread / one.dark_count) if coarse is None else 0.0
+        shared = dark * math.sqrt(one.dark.spread / one.dark.count) if coarse is None else 0.0
         # The mean's noise moves a point along the line.
-        along = gain * math.sqrt(expected / (2 * one.count) + dark / (2 * one.dark_count))
+        along = gain * math.sqrt(expected / (2 * one.count) + dark / (2 * one.dark.count))
         found.append(math.sqrt(own**2 + shared**2 + along**2))
     return np.array(found)
 
 
-def _fit(
-    signal: Array, variance: Array, sigma: Array, used: NDArray[np.bool_], with_offset: bool
-) -> tuple[float, float, Array]:
+def _fit(x: Array, y: Array, sigma: Array, with_offset: bool) -> tuple[float, float, Array]:
     """Return slope and offset of the curve, and their covariance."""
-    x, y, s = signal[used], variance[used], sigma[used]
     if not with_offset:
-        information = float((x**2 / s**2).sum())
-        return float((x * y / s**2).sum()) / information, 0.0, np.diag([1 / information, 0.0])
-    design = np.stack([x, np.ones_like(x)], axis=1) / s[:, None]
+        information = float((x**2 / sigma**2).sum())
+        slope = float((x * y / sigma**2).sum()) / information
+        return slope, 0.0, np.diag([1 / information, 0.0])
+    design = np.stack([x, np.ones_like(x)], axis=1) / sigma[:, None]
     covariance = np.linalg.inv(design.T @ design)
-    slope, start = covariance @ design.T @ (y / s)
+    slope, start = covariance @ design.T @ (y / sigma)
     offset = start / slope
     # The offset is start over slope.
     to_offset = np.array([[1.0, 0.0], [-offset / slope, 1 / slope]])
     return float(slope), float(offset), to_offset @ covariance @ to_offset.T
 
 
+# Shares of saturation between which linearity is judged (EMVA 1288, section 6.7)
 _LOW, _HIGH = 0.05, 0.95
-"""Shares of saturation between which linearity is judged (EMVA 1288, section 6.7)."""
-
-_LINEARITY_FEWEST = 4
-"""Fewest exposure times from which linearity is told."""
-
+_LINEARITY_FEWEST = 4  # exposure times from which linearity is told
+# Correlation of exposure and clock that hides a drift; chosen: rising exposures have .95
 _ALIKE = 0.9
-"""Correlation of exposure time and clock from which drift can't be told from a bent line. Chosen:
-exposures that only rise have .95 and more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,42 +252,41 @@ def measure_linearity(
     exposure, signal, sigma, colour = _points(groups, full)
     if len(set(exposure)) < _LINEARITY_FEWEST:
         return None
-    clock, span = _clock(exposure, times)
-    drift, chance_of_drift = 0.0, 0.0
+    clock = _clock(exposure, times)
+    drift = 0.0
     # Signals that drift is taken off from follow the line better, and tell what is left of it.
-    for _ in range(_PASSES if span else 1):
-        steady = signal / (1 + drift * clock)
-        matrix = _design(exposure, steady, colour, clock if span else None)
+    for _ in range(1 if clock is None else _PASSES):
+        steady = signal if clock is None else signal / (1 + drift * clock)
+        matrix = _design(exposure, steady, colour, clock)
         inverse = np.linalg.pinv(matrix.T @ matrix)
         found = inverse @ matrix.T @ np.ones(len(steady))
-        drift += float(found[-1]) if span else 0.0
+        drift += 0.0 if clock is None else float(found[-1])
     deviation = 1 - matrix @ found
     freedom = max(len(signal) - matrix.shape[1], 1)
-    if span:
-        chance_of_drift = math.sqrt(float((deviation**2).sum()) / freedom * inverse[-1, -1])
+    chance_of_drift = math.sqrt(float((deviation**2).sum()) / freedom * inverse[-1, -1])
     size = np.abs(deviation)
     # Chance alone makes a mean deviation, too.
     chance = float((sigma / signal).mean())
-    slopes = found[1 : 2 * len(set(colour)) : 2]
-    return Linearity(
-        Measured(float(size.mean()), math.hypot(float(size.std()) / math.sqrt(len(size)), chance)),
-        Measured(drift, chance_of_drift) if span else None,
-        float(np.mean(slopes)), exposure, steady, deviation,
-    )  # fmt: skip
+    error = Measured(
+        float(size.mean()), math.hypot(float(size.std()) / math.sqrt(len(size)), chance)
+    )
+    rate = float(np.mean(found[1 : 2 * len(set(colour)) : 2]))
+    seen_drift = None if clock is None else Measured(drift, chance_of_drift)
+    return Linearity(error, seen_drift, rate, exposure, steady, deviation)
 
 
-def _clock(exposure: Array, times: dict[float, float]) -> tuple[Array, float]:
-    """Return when each point was taken, from -.5 to .5, and the whole time in seconds.
+def _clock(exposure: Array, times: dict[float, float]) -> Array | None:
+    """Return when each point was taken, over the whole time, from -.5 to .5.
 
-    The time is 0 where it is unknown, or where exposures were taken in the order of their length.
+    None where that is unknown, or where exposures were taken in the order of their length.
     """
     span = float(np.ptp(list(times.values()))) if times else 0.0
     if not span:
-        return np.zeros_like(exposure), 0.0
+        return None
     clock = np.array([times[one] for one in exposure])
     if abs(float(np.corrcoef(exposure, clock)[0, 1])) > _ALIKE:
-        return np.zeros_like(exposure), 0.0
-    return (clock - (max(times.values()) + min(times.values())) / 2) / span, span
+        return None
+    return np.asarray((clock - (max(times.values()) + min(times.values())) / 2) / span)
 
 
 def _design(
@@ -337,15 +312,15 @@ def _points(
     rows: list[tuple[float, float, float]] = []
     colours = []
     for colour in sorted({group.filter for group in groups}):
-        same = [group for group in groups if group.filter == colour]
-        for light in zip(*(group.light for group in same), strict=True):
+        same = [group.light for group in groups if group.filter == colour]
+        top = full or max(one.signal for light in same for one in light)
+        for light in zip(*same, strict=True):
             weights = np.array([one.count for one in light], dtype=np.float64)
             signal = float(np.average([one.signal for one in light], weights=weights))
-            top = full or max(one.signal for group in same for one in group.light)
-            if all(is_open(one, top, _HIGH) for one in light) and signal > _LOW * top:
+            if all(_is_open(one, top, _HIGH) for one in light) and signal > _LOW * top:
                 variance = float(np.average([one.variance for one in light], weights=weights))
                 noise = math.sqrt(variance / (2 * weights.sum()))
                 rows.append((light[0].exposure, signal, noise))
                 colours.append(colour)
-    columns = np.array(rows).reshape(-1, 3).T
-    return columns[0], columns[1], columns[2], colours
+    exposure, signals, noises = np.array(rows).reshape(-1, 3).T
+    return exposure, signals, noises, colours

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,12 +70,9 @@ class RigidMotion:
         return float(np.hypot(*away).max())
 
 
-_ROWS = 256
-"""Rows that are resampled together, which saves memory. Chosen."""
-
+_ROWS = 256  # resampled together, which saves memory; chosen
+# A cubic spline's weights of pixels farther away are below 5 % of the nearest one's
 _REACH = np.ones((3, 3), dtype=bool)
-"""Pixels around a place whose clipping reaches it: a cubic spline's weights of others are below 5 %
-of the nearest one's."""
 
 
 def resample_moved(
@@ -107,61 +106,41 @@ def resample_moved(
     spline = ndimage.spline_filter(picture.astype(np.float32), 3, np.float32, mode="mirror")
     near = ndimage.binary_dilation(clipped, _REACH)
     values = np.empty(picture.shape, np.float32)
-    rests, outside = (np.zeros(picture.shape, dtype=bool) for _ in range(2))
+    rests, outside = np.zeros((2, *picture.shape), dtype=bool)
     for start in range(0, picture.shape[0], _ROWS):
-        part = values[start : start + _ROWS]
+        here = slice(start, start + _ROWS)
+        part = values[here]
         at = np.indices(part.shape, dtype=np.float64).reshape(2, -1)
         at[0] += start
         at = motion.places(at - middle) + middle
-        part[:] = ndimage.map_coordinates(
-            spline, at, np.float32, order=3, mode="mirror", prefilter=False
-        ).reshape(part.shape)
+        seen = ndimage.map_coordinates(spline, at, np.float32, 3, mode="mirror", prefilter=False)
+        part[:] = seen.reshape(part.shape)
         beyond = ((at < 0) | (at > shape[:, None] - 1)).any(axis=0)
         row, column = np.clip(np.rint(at).astype(np.intp), 0, shape[:, None] - 1)
-        rests[start : start + _ROWS] = (near[row, column] & ~beyond).reshape(part.shape)
-        outside[start : start + _ROWS] = beyond.reshape(part.shape)
+        rests[here] = (near[row, column] & ~beyond).reshape(part.shape)
+        outside[here] = beyond.reshape(part.shape)
     return values, rests, outside
 
 
 Mask = NDArray[np.bool_]
 Picture = NDArray[np.float32]
 
+# Pixels, standard deviation before slopes are taken: it lessens noise and blocks' edges; chosen
 _BLUR = 0.7
-"""Standard deviation of the blur before slopes are taken, pixels. Chosen: it lessens the noise, and
-what compression leaves at the edges of its blocks, more than the detail."""
-
-_COARSEST = 40
-"""Least rows and columns of the coarsest picture. Chosen: what moved by a tenth of the picture is
-within a few of its pixels."""
-
+_COARSEST = 40  # least side of the coarsest picture: a tenth of it is a few of its pixels; chosen
+# Steepest pixels that are compared at each level; more change corners by < .01 pixel
 _POINTS = 150_000
-"""Pixels that are compared in each picture of the pyramid, those of the steepest slopes in each of
-the regions below. Chosen: more change corners by less than .01 pixel."""
-
-_REGIONS = 8
-"""Regions along each side, all of which tell the turn."""
-
+_REGIONS = 8  # along each side, each with its steepest pixels: all of them tell the turn
+# Most Gauss-Newton steps of a level, and pixels at the corners at which they end
 _STEPS, _STILL = 12, 2e-3
-"""Gauss-Newton steps in each picture of the pyramid, at most, and the change of the corners in
-pixels at which they end."""
-
-_STRAY = 2.0
-"""Robust deviations at which a pixel's weight is a fourth."""
-
+_STRAY = 2.0  # robust deviations at which a pixel's weight is a fourth
+# Variance of slopes that white noise makes after the blur: squares of both kernels' product
 _NOISE = 0.32
-"""Variance of the slopes that white noise makes after the blur, over that of the noise: the sum of
-the squares of both kernels' product. It's no detail."""
-
+# Of one picture's numbers that the other may have: a light that but rises tells no shift; chosen
 _POWERS = 4
-"""Powers of the moving picture's numbers by which they may differ from the fixed one's. Chosen:
-where light but rises from one side to the other, a shift is but another curve, and isn't known."""
-
-_LEAST_POINTS = 200
-"""Pixels that two pictures share from which on their motion is told. Chosen."""
-
+_LEAST_POINTS = 200  # pixels that two pictures share from which on their motion is told; chosen
+# Deviation over that of independent pixels: blur and compression; chosen on photographs
 _CORRELATED = 3.0
-"""Deviation of the motion over what residuals would give if each pixel's was by itself. Chosen on
-photographs: blur, compression and interpolation make neighbours alike."""
 
 
 @dataclass(frozen=True)
@@ -213,43 +192,16 @@ def register_pictures(
     if len(shapes) != 1 or len(fixed) != len(moving):
         raise ValueError(f"pictures are {sorted(shapes)} pixels; give bands of one size")
     (shape,) = shapes
-    levels = _pyramid(fixed, moving, fixed_valid, moving_valid)
+    pictures = [np.stack([np.asarray(band, np.float32) for band in one]) for one in (fixed, moving)]
+    masks = [np.stack(list(one)) for one in (fixed_valid, moving_valid)]
+    levels = [(*pictures, *masks)]
+    while min(pictures[0].shape[1:]) >= 2 * _COARSEST:
+        pictures, masks = [_halved(one) for one in pictures], [_halved(one) == 1 for one in masks]
+        levels.append((*pictures, *masks))
     found = Registration(start or RigidMotion(), math.inf)
     for number in reversed(range(len(levels))):
-        found = _register_level(levels[number], number, shape, found.motion)
-    return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Level:
-    """Pictures of one size of the pyramid, (bands, rows, columns)."""
-
-    fixed: Picture
-    moving: Picture
-    fixed_valid: Mask
-    moving_valid: Mask
-
-
-def _pyramid(
-    fixed: Sequence[Picture],
-    moving: Sequence[Picture],
-    fixed_valid: Sequence[Mask],
-    moving_valid: Sequence[Mask],
-) -> list[_Level]:
-    """Return the pictures, and each halved until it is small, the finest first."""
-    level = _Level(
-        np.stack([np.asarray(band, np.float32) for band in fixed]),
-        np.stack([np.asarray(band, np.float32) for band in moving]),
-        np.stack(list(fixed_valid)),
-        np.stack(list(moving_valid)),
-    )
-    found = [level]
-    while min(level.fixed.shape[1:]) >= 2 * _COARSEST:
-        level = _Level(
-            _halved(level.fixed), _halved(level.moving),
-            _halved(level.fixed_valid) == 1, _halved(level.moving_valid) == 1,
-        )  # fmt: skip
-        found.append(level)
+        parts = [_BandPoints(one, number, shape) for one in zip(*levels[number], strict=True)]
+        found = _register_level(parts, number, shape, found.motion)
     return found
 
 
@@ -261,39 +213,26 @@ def _halved(bands: NDArray[np.generic]) -> Picture:
 
 
 def _register_level(
-    level: _Level, number: int, shape: tuple[int, ...], start: RigidMotion
+    parts: list[_BandPoints], number: int, shape: tuple[int, ...], start: RigidMotion
 ) -> Registration:
-    """Find the motion at a level of the pyramid, halved `number` times."""
-    parts = [
-        _BandPoints(*one, number, shape)
-        for one in zip(
-            level.fixed, level.moving, level.fixed_valid, level.moving_valid, strict=True
-        )
-    ]
+    """Find the motion at a level of the pyramid of pictures, halved `number` times."""
     motion, deviation = start, math.inf
     for _ in range(_STEPS):
         matrices, vectors, counts, noises = zip(*(one.system(motion) for one in parts), strict=True)
-        matrix, wanted = np.sum(matrices, axis=0), np.sum(vectors, axis=0)
+        matrix = np.sum(matrices, axis=0)
         if sum(counts) < _LEAST_POINTS or np.linalg.cond(matrix) > 1e12:
             return Registration(start, math.inf)
-        step = np.linalg.solve(matrix, wanted)
+        turn, down, right = np.linalg.solve(matrix, np.sum(vectors, axis=0)).tolist()
         before = motion
         motion = RigidMotion(
-            motion.turn + float(step[0]) / _radius(shape),
-            motion.down + float(step[1]),
-            motion.right + float(step[2]),
+            motion.turn + turn / _radius(shape), motion.down + down, motion.right + right
         )
-        deviation = _deviation(matrix - np.sum(noises, axis=0))
+        information, deviation = matrix - np.sum(noises, axis=0), math.inf
+        if np.linalg.eigvalsh(information)[0] > 0:
+            deviation = _CORRELATED * math.sqrt(np.trace(np.linalg.inv(information)))
         if motion.corner_distance(before, shape) < _STILL * 2**number:
             break
     return Registration(motion if math.isfinite(deviation) else start, deviation)
-
-
-def _deviation(information: Array) -> float:
-    """Return the standard deviation at the corners; infinite without enough information."""
-    if np.linalg.eigvalsh(information)[0] <= 0:
-        return math.inf
-    return _CORRELATED * math.sqrt(np.trace(np.linalg.inv(information)))
 
 
 def _radius(shape: tuple[int, ...]) -> float:
@@ -305,9 +244,9 @@ class _BandPoints:
     """The pixels of one band that are compared, with slopes of the fixed picture."""
 
     def __init__(
-        self, fixed: Picture, moving: Picture, fixed_valid: Mask, moving_valid: Mask,
-        number: int, shape: tuple[int, ...],
-    ) -> None:  # fmt: skip
+        self, pictures: tuple[NDArray[Any], ...], number: int, shape: tuple[int, ...]
+    ) -> None:
+        fixed, moving, fixed_valid, moving_valid = pictures
         self._scale, self._radius = 2.0**number, _radius(shape)
         # Place of a halved picture's first pixel in the finest one, from its centre.
         self._first = np.array([(self._scale - 1) / 2 - (n - 1) / 2 for n in shape])[:, None]
@@ -344,8 +283,7 @@ class _BandPoints:
         turned = np.stack([-place[1], place[0]])
         turning = np.einsum("ij,ij->j", slopes, motion.matrix @ turned) / self._radius
         share = (values - values.mean()) / max(float(values.std()), 1e-6)
-        curve = [share**power for power in range(_POWERS)]
-        design = np.stack([turning, *slopes, *curve])
+        design = np.stack([turning, *slopes, *(share**power for power in range(_POWERS))])
         wanted = self._fixed[inside].astype(np.float64)
         weight = np.ones(count)
         for _ in range(2):
@@ -360,13 +298,10 @@ class _BandPoints:
         # The curve is eliminated.
         other = matrix[:3, 3:] @ np.linalg.pinv(matrix[3:, 3:], hermitian=True)
         variance = float(weight @ left**2 / weight.sum()) + 1e-9
-        return (
-            (matrix[:3, :3] - other @ matrix[3:, :3]) / variance,
-            (right[:3] - other @ right[3:]) / variance,
-            count,
-            np.diag([weight @ (turned**2).sum(axis=0) / self._radius**2, *[weight.sum()] * 2])
-            * _NOISE,
-        )
+        noise = [weight @ (turned**2).sum(axis=0) / self._radius**2, *[weight.sum()] * 2]
+        information = (matrix[:3, :3] - other @ matrix[3:, :3]) / variance
+        vector = (right[:3] - other @ right[3:]) / variance
+        return information, vector, count, np.diag(noise) * _NOISE
 
 
 def _slope(picture: Picture, axis: int) -> Picture:
@@ -381,13 +316,12 @@ def _steepest(slope: Picture, valid: Mask) -> tuple[NDArray[np.intp], ...]:
         return tuple(np.nonzero(valid))
     chosen = np.zeros_like(valid)
     edges = [np.linspace(0, n, _REGIONS + 1).astype(int) for n in valid.shape]
-    each = _POINTS // _REGIONS**2
-    for row in range(_REGIONS):
-        for column in range(_REGIONS):
-            part = np.s_[edges[0][row] : edges[0][row + 1], edges[1][column] : edges[1][column + 1]]
-            found = np.where(valid[part], slope[part], -1).ravel()
-            few = np.argpartition(found, -min(each, found.size))[-min(each, found.size) :]
-            flags = np.zeros(found.size, dtype=bool)
-            flags[few] = found[few] >= 0
-            chosen[part] = flags.reshape(chosen[part].shape)
+    rows, columns = ([slice(*pair) for pair in itertools.pairwise(one)] for one in edges)
+    for part in itertools.product(rows, columns):
+        found = np.where(valid[part], slope[part], -1).ravel()
+        each = min(_POINTS // _REGIONS**2, found.size)
+        few = np.argpartition(found, -each)[-each:]
+        flags = np.zeros(found.size, dtype=bool)
+        flags[few] = found[few] >= 0
+        chosen[part] = flags.reshape(chosen[part].shape)
     return tuple(np.nonzero(chosen))

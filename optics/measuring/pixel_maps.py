@@ -5,7 +5,7 @@ Hot ones are told by dark signal and by response, and dead ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,9 +19,9 @@ Map = NDArray[np.float64]
 Halves = tuple[Map, Map]
 Mask = NDArray[np.bool_]
 
-BOX = 15
-"""Side in pixels of the box whose mean is the light around a pixel. Chosen: smooth light,
-vignetting and shading are taken off, and of the pixels' own spread 1/BOX²."""
+# Pixels: side of the box whose mean is the light around a pixel, vignetting included; chosen
+_BOX = 15
+BOX_SHARE = 1 - 1 / _BOX**2  # of the response's variance that is left without slow changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,83 +38,63 @@ class GroupMaps:
     current: Map
     response: Halves | None
 
-    @property
-    def mean_dark(self) -> Map:
-        """Mean dark number of each pixel, DN."""
-        return (self.dark[0] + self.dark[1]) / 2
-
 
 def average_frames(
-    frames: NDArray[Any], light: Pairs, dark: Pairs, bright: Iterable[float]
+    frames: NDArray[Any], light: Pairs, dark: Pairs, bright: list[float]
 ) -> GroupMaps:
     """Average all frames of a group of pixels, (frames, rows, columns).
 
     bright: exposure times whose light is clear of darkness and of clipping.
     """
     longest = max(light)
-    short = {time: pairs for time, pairs in dark.items() if time <= longest}
-    dark_halves = _half_means(frames, [pair for pairs in short.values() for pair in pairs])
-    chosen = list(bright)
+    short = [pair for time, pairs in dark.items() if time <= longest for pair in pairs]
     response: Halves | None = None
-    if chosen:
-        lit = _half_means(frames, [pair for time in chosen for pair in light[time]])
+    if bright:
+        lit = _half_means(frames, [pair for time in bright for pair in light[time]])
         # Darks of the same exposure times, so that a hot pixel's own current is taken off.
-        base = _half_means(frames, [pair for time in chosen for pair in dark[time]])
-        differences = [one - other for one, other in zip(lit, base, strict=True)]
-        response = differences[0] / differences[0].mean(), differences[1] / differences[1].mean()
-    return GroupMaps(dark_halves, _growth(frames, dark), response)
+        base = _half_means(frames, [pair for time in bright for pair in dark[time]])
+        first, second = lit[0] - base[0], lit[1] - base[1]
+        response = first / first.mean(), second / second.mean()
+    # The slope of each pixel over the exposure time of its dark frames.
+    listed = [(time, index) for time, pairs in dark.items() for pair in pairs for index in pair]
+    middle = float(np.mean([time for time, _ in listed]))
+    growth = np.zeros(frames.shape[1:])
+    for time, index in listed:
+        growth += (time - middle) * frames[index]
+    growth = growth / sum((time - middle) ** 2 for time, _ in listed)
+    return GroupMaps(_half_means(frames, short), growth, response)
 
 
 def _half_means(frames: NDArray[Any], pairs: list[tuple[int, int]]) -> Halves:
     """Return the means of the first and of the second frames of pairs."""
-    halves = []
-    for side in (0, 1):
-        total = np.zeros(frames.shape[1:])
-        for pair in pairs:
-            total += frames[pair[side]]
-        halves.append(total / len(pairs))
-    return halves[0], halves[1]
+    totals = np.zeros(frames.shape[1:]), np.zeros(frames.shape[1:])
+    for pair in pairs:
+        for total, index in zip(totals, pair, strict=True):
+            total += frames[index]
+    return totals[0] / len(pairs), totals[1] / len(pairs)
 
 
-def _growth(frames: NDArray[Any], dark: Pairs) -> Map:
-    """Return the slope of each pixel over the exposure time of its dark frames, DN/s."""
-    listed = [(time, index) for time, pairs in dark.items() for pair in pairs for index in pair]
-    middle = float(np.mean([time for time, _ in listed]))
-    weights = [time - middle for time, _ in listed]
-    total = np.zeros(frames.shape[1:])
-    for weight, (_, index) in zip(weights, listed, strict=True):
-        total += weight * frames[index]
-    return np.asarray(total / sum(weight**2 for weight in weights))
-
-
-def local_mean(response: Map, good: Mask) -> Map:
+def _local_mean(response: Map, good: Mask) -> Map:
     """Return the mean response of the good pixels around each pixel.
 
     A paraboloid over all of them is taken off first, so that the border is as good as the middle.
     """
-    slow = _paraboloid(response, good)
-    shares = uniform_filter(good.astype(np.float64), BOX, mode="reflect")
-    total = uniform_filter(np.where(good, response / slow, 0.0), BOX, mode="reflect")
-    # Where all pixels around are defective, the paraboloid is all that is known of the light.
-    known = shares > 0.5 / BOX**2
-    return slow * np.where(known, total / np.where(known, shares, 1.0), 1.0)
-
-
-def _paraboloid(response: Map, good: Mask) -> Map:
-    """Fit a paraboloid to the response; it is never below a tenth of the mean."""
     y, x = (np.linspace(-1, 1, n) for n in response.shape)
-    terms = np.stack([
-        np.broadcast_to(term, response.shape)
-        for term in (np.ones((1, 1)), y[:, None], x, y[:, None] ** 2, y[:, None] * x, x**2)
-    ], axis=-1)  # fmt: skip
-    own = terms[good]
+    terms = (np.ones((1, 1)), y[:, None], x, y[:, None] ** 2, y[:, None] * x, x**2)
+    design = np.stack([np.broadcast_to(term, response.shape) for term in terms], axis=-1)
+    own = design[good]
     weights = np.linalg.solve(own.T @ own + 1e-9 * np.eye(6), own.T @ response[good])
-    return np.maximum(terms @ weights, 0.1 * float(response[good].mean()))
+    slow = np.maximum(design @ weights, 0.1 * float(response[good].mean()))
+    shares = uniform_filter(good.astype(np.float64), _BOX, mode="reflect")
+    total = uniform_filter(np.where(good, response / slow, 0.0), _BOX, mode="reflect")
+    # Where all pixels around are defective, the paraboloid is all that is known of the light.
+    known = shares > 0.5 / _BOX**2
+    return slow * np.where(known, total / np.where(known, shares, 1.0), 1.0)
 
 
 def without_slow_changes(response: Map, good: Mask) -> Map:
     """Return the response over that of the surroundings, less 1, and 0 at defects."""
-    return np.where(good, response / np.where(good, local_mean(response, good), 1.0) - 1, 0.0)
+    return np.where(good, response / np.where(good, _local_mean(response, good), 1.0) - 1, 0.0)
 
 
 Indices = NDArray[np.int64]
@@ -130,11 +110,8 @@ Chosen: more than dust and PRNU do."""
 DEAD_RESPONSE = 0.5
 """Response, relative to the surroundings, below which a pixel is dead. Chosen."""
 
-_MAD = 1.4826
-"""Standard deviation over the median absolute deviation of a normal distribution."""
-
-_ROUNDING = 0.3
-"""Least spread of dark numbers, DN: that of rounding."""
+_MAD = 1.4826  # standard deviation over the median absolute deviation of a normal distribution
+_ROUNDING = 0.3  # DN: least spread of dark numbers, that of rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,17 +173,17 @@ def find_defects(maps: GroupMaps, longest: float) -> GroupDefects:
 
     longest: exposure time in seconds of the longest dark frame.
     """
-    dark, dark_limit = _deviations(maps.mean_dark, _ROUNDING)
+    dark, dark_limit = _deviations((maps.dark[0] + maps.dark[1]) / 2, _ROUNDING)
     current, current_limit = _deviations(maps.current, _ROUNDING / longest)
     hot = (np.abs(dark) > dark_limit) | (current > current_limit)
-    none = np.zeros_like(hot)
     if maps.response is None:
+        none = np.zeros_like(hot)
         return GroupDefects(hot, none, none, none, dark_limit, current_limit)
     response = (maps.response[0] + maps.response[1]) / 2
     # Extreme pixels don't spoil the mean of their surroundings.
     tame = np.abs(response / np.median(response) - 1) < DEAD_RESPONSE
     for _ in range(2):
-        around = response / local_mean(response, tame)
+        around = response / _local_mean(response, tame)
         tame = np.abs(around - 1) < RESPONSE_EXCESS
     dead, bright = around < DEAD_RESPONSE, around > 1 + RESPONSE_EXCESS
     weak = (around < 1 - RESPONSE_EXCESS) & ~dead
@@ -223,19 +200,11 @@ def collect_defects(found: Sequence[tuple[GroupDefects, Indices, Indices]]) -> D
     """Join the defects of all groups, each with its rows and columns."""
 
     def indices_of(kind: str) -> Indices:
-        parts = [
-            np.stack([rows[mask], columns[mask]], axis=1)
-            for one, rows, columns in found
-            if (mask := getattr(one, kind)).any()
-        ]
-        empty = np.zeros((0, 2), dtype=np.int64)
-        every = np.concatenate([empty, *parts]).astype(np.int64)
-        return every[np.lexsort((every[:, 1], every[:, 0]))]
+        parts = [np.stack([rows, columns])[:, getattr(one, kind)] for one, rows, columns in found]
+        row, column = np.concatenate(parts, axis=1)
+        order = np.lexsort((column, row))
+        return np.stack([row[order], column[order]], axis=1).astype(np.int64)
 
-    def limit(name: str) -> float:
-        return float(np.median([getattr(one, name) for one, _, _ in found]))
-
-    return Defects(
-        indices_of("hot"), indices_of("bright"), indices_of("weak"), indices_of("dead"),
-        limit("dark_limit"), limit("current_limit"),
-    )  # fmt: skip
+    limits = np.median([(one.dark_limit, one.current_limit) for one, _, _ in found], axis=0)
+    hot, bright, weak, dead = map(indices_of, ("hot", "bright", "weak", "dead"))
+    return Defects(hot, bright, weak, dead, float(limits[0]), float(limits[1]))

@@ -1,12 +1,14 @@
-"""A region of a picture, and the statistics of its digital numbers."""
+"""The digital numbers of a picture: in a region, and along a straight line."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from optics.validation import require_unmasked
 
@@ -40,22 +42,9 @@ class Region:
             )
 
     def within(self, shape: tuple[int, int]) -> Region:
-        """Return the part that lies in a picture.
+        """Return the part, of one pixel at least, that lies in a picture of (rows, columns).
 
-        Parameters
-        ----------
-        shape : (int, int)
-            Rows and columns of the picture.
-
-        Returns
-        -------
-        Region
-            With one pixel at least.
-
-        Raises
-        ------
-        ValueError
-            If no part of it does.
+        Raises ValueError if no part of it does.
         """
         top, left = max(self.top, 0), max(self.left, 0)
         rows = min(self.top + self.rows, shape[0]) - top
@@ -68,17 +57,7 @@ class Region:
         return Region(top, left, rows, columns)
 
     def of(self, numbers: NDArray[Any]) -> NDArray[Any]:
-        """Return the region's pixels of a picture, as a view.
-
-        Parameters
-        ----------
-        numbers : NDArray, (rows, columns)
-            The picture; the region lies within it.
-
-        Returns
-        -------
-        NDArray, (rows, columns) of the region
-        """
+        """Return the region's pixels of a picture in which it lies, (rows, columns), as a view."""
         rows = slice(self.top, self.top + self.rows)
         return numbers[rows, self.left : self.left + self.columns]
 
@@ -144,3 +123,60 @@ def region_statistics(
         saturated=int(np.count_nonzero(part >= full_scale)),
         at_zero=int(np.count_nonzero(part == 0)),
     )
+
+
+Place = tuple[float, float]
+"""Row and column in pixels; whole numbers are the centres of pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class LineProfile:
+    """Numbers along a line of a picture.
+
+    Parameters
+    ----------
+    distances : NDArray of float64, (n,)
+        Pixels from the line's start.
+    values : NDArray of float64, (n,)
+        Digital numbers, interpolated bilinearly.
+    """
+
+    distances: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+
+def line_profile(numbers: NDArray[Any], start: Place, end: Place) -> LineProfile:
+    """Return the digital numbers along a line, at steps of a pixel or a little less.
+
+    Between pixels they are interpolated bilinearly, so that no number is larger or smaller than
+    those around it.
+
+    Parameters
+    ----------
+    numbers : NDArray, (rows, columns)
+        Digital numbers.
+    start, end : (float, float)
+        Rows and columns of both ends, within the picture.
+
+    Returns
+    -------
+    LineProfile
+        With both ends; of a line without length, one number.
+
+    Raises
+    ------
+    ValueError
+        For an end outside the picture.
+    """
+    require_unmasked(numbers)
+    for name, place in (("start", start), ("end", end)):
+        if not all(0 <= c <= n - 1 for c, n in zip(place, numbers.shape, strict=True)):
+            raise ValueError(
+                f"{name} is row {place[0]:g}, column {place[1]:g}; the picture has "
+                f"{numbers.shape[0]} x {numbers.shape[1]} pixels, counted from 0"
+            )
+    length = math.dist(start, end)
+    share = np.linspace(0.0, 1.0, math.ceil(length) + 1)
+    places = [first + share * (last - first) for first, last in zip(start, end, strict=True)]
+    values = ndimage.map_coordinates(numbers, places, np.float64, order=1, mode="nearest")
+    return LineProfile(share * length, values)

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +16,16 @@ from optics.measuring.spots import Spot, frame_variance
 
 Array = NDArray[np.float64]
 
-_FEWEST = 4
-"""Smallest number of steered spots for a registration."""
+_FEWEST = 4  # steered spots of a registration, at least
 
 Flip = Literal["none", "left-right", "up-down", "both"]
-
-_FLIPS: dict[tuple[bool, bool], Flip] = {
-    (False, False): "none",
-    (False, True): "left-right",
-    (True, False): "up-down",
-    (True, True): "both",
-}
+"""Without a mirror, of x, of y, and of both."""
 
 
 @dataclass(frozen=True)
 class AffineParts:
     """Parts of an affine map: reflection, shear, scale and rotation, applied in this order.
 
-    flip: none, left-right, up-down or both.
     rotation: radians from x towards y, at most a quarter turn in either direction.
     scale: (y, x) camera pixels per cycle per panel pixel.
     shear: that of x by y, as a tangent.
@@ -69,9 +61,8 @@ class Registration:
 
     def to_pixels(self, vectors: Array, wavelength: float | None = None) -> Array:
         """Convert grating vectors (..., 2) to sensor pixels; both are (y, x)."""
-        return np.asarray(self.centre) + self._wavelength_ratio(wavelength) * (
-            vectors @ self.matrix.T
-        )
+        turned = vectors @ self.matrix.T
+        return np.asarray(self.centre) + self._wavelength_ratio(wavelength) * turned
 
     def to_vectors(self, pixels: Array, wavelength: float | None = None) -> Array:
         """Return the grating vectors, (..., 2), that send light to sensor pixels (..., 2)."""
@@ -88,10 +79,7 @@ class Registration:
         return np.sqrt(np.einsum("...i,ij,...j", design, self.covariance, design))
 
     def field_uncertainty(self, shape: tuple[int, int]) -> float:
-        """Compute the largest uncertainty on a sensor, which is at a corner, in pixels.
-
-        shape: (rows, columns) of the sensor.
-        """
+        """Compute the largest uncertainty on a sensor, (rows, columns): at a corner, in pixels."""
         corners = np.array(list(itertools.product((0, shape[0] - 1), (0, shape[1] - 1))), float)
         return float(self.uncertainty(self.to_vectors(corners)).max())
 
@@ -147,16 +135,11 @@ def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Regist
     residuals = places - design @ solution
     freedom = 2 * (int(used.sum()) - 4)
     chi2 = float(((residuals[used] * weight) ** 2).sum()) / freedom
-    return Registration(
-        wavelength,
-        (float(solution[0, 0]), float(solution[0, 1])),
-        solution[1:3].T.copy(),
-        # If the spots scatter by more than their noise, the covariance is larger by as much.
-        np.linalg.inv(weighted.T @ weighted)[:3, :3] * max(chi2, 1.0),
-        (float(solution[3, 0]), float(solution[3, 1])),
-        residuals,
-        used,
-    )
+    # If the spots scatter by more than their noise, the covariance is larger by as much.
+    covariance = np.linalg.inv(weighted.T @ weighted)[:3, :3] * max(chi2, 1.0)
+    (y, x), *linear, (down, right) = solution.tolist()
+    matrix = np.array(linear).T.copy()
+    return Registration(wavelength, (y, x), matrix, covariance, (down, right), residuals, used)
 
 
 def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.bool_]:
@@ -205,17 +188,14 @@ def decompose_affine(matrix: Array) -> AffineParts:
     if abs(np.linalg.det(turned)) < 1e-9 * np.abs(turned).max() ** 2:
         raise ValueError("the matrix sends all gratings to one line; it is no registration")
     found = []
-    for (up_down, left_right), name in _FLIPS.items():
-        mirror = np.diag([-1.0 if left_right else 1.0, -1.0 if up_down else 1.0])
+    for name, (y, x) in zip(get_args(Flip), itertools.product((1.0, -1.0), repeat=2), strict=True):
+        mirror = np.diag([x, y])
         q, r = np.linalg.qr(turned @ mirror)
         signs = np.sign(np.diag(r))
         q, r = q * signs, (r.T * signs).T
-        if np.linalg.det(q) < 0:
-            continue
-        angle = math.atan2(q[1, 0], q[0, 0])
-        found.append(
-            AffineParts(name, angle, (float(r[1, 1]), float(r[0, 0])), float(r[0, 1] / r[0, 0]))
-        )
+        if np.linalg.det(q) >= 0:
+            angle, scale = math.atan2(q[1, 0], q[0, 0]), (float(r[1, 1]), float(r[0, 0]))
+            found.append(AffineParts(name, angle, scale, float(r[0, 1] / r[0, 0])))
     return min(found, key=lambda parts: abs(parts.rotation))
 
 
@@ -257,40 +237,31 @@ def measure_first_orders(
     """
     # A pixel of a dark frame is hot from 8 standard deviations of read noise on.
     hot = dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
-    found = []
-    for number, vector in enumerate(vectors):
-        windows = _windows(registration, vector, region_shape, dark.shape, wavelength)
-        if not windows:
-            raise ValueError(
-                f"both first orders of region {number + 1} fall outside of the frame; choose "
-                "longer periods, or let more of the sensor be read"
-            )
-        found.append(_measure_region(frames, dark, hot, tuple(windows), sensor, number))
-    return found
-
-
-def _windows(
-    registration: Registration,
-    vector: Array,
-    region_shape: tuple[int, int],
-    shape: tuple[int, ...],
-    wavelength: float,
-) -> list[tuple[slice, slice]]:
-    """Return pixel windows around a grating's two first orders.
-
-    A window that doesn't lie wholly on the sensor is left out.
-    """
     stretch = wavelength / registration.wavelength
     line = stretch * np.hypot(*(registration.matrix / np.array(region_shape)).T)
     # A spot extends over three line widths of its region's grating, and at least two more pixels
     # because of the star's size, the filter's band and the lens.
     reach = np.ceil(3.0 * line + 2.0).astype(int)
     found = []
-    for order in (1, -1):
-        middle = np.rint(registration.to_pixels(order * vector, wavelength)).astype(int)
-        low, high = middle - reach, middle + reach + 1
-        if (low >= 0).all() and (high <= np.array(shape)).all():
-            found.append((slice(low[0], high[0]), slice(low[1], high[1])))
+    for number, vector in enumerate(vectors, 1):
+        windows = []
+        for order in (1, -1):
+            middle = np.rint(registration.to_pixels(order * vector, wavelength)).astype(int)
+            low, high = middle - reach, middle + reach + 1
+            if (low >= 0).all() and (high <= np.array(dark.shape)).all():
+                windows.append((slice(low[0], high[0]), slice(low[1], high[1])))
+        if not windows:
+            raise ValueError(
+                f"both first orders of region {number} fall outside of the frame; choose "
+                "longer periods, or let more of the sensor be read"
+            )
+        orders = _measure_region(frames, dark, hot, tuple(windows), sensor)
+        if orders.clipped.mean() > 0.2:
+            raise ValueError(
+                f"the spots of region {number} are clipped in {orders.clipped.sum()} of "
+                f"{len(frames)} frames; expose them shorter"
+            )
+        found.append(orders)
     return found
 
 
@@ -300,7 +271,6 @@ def _measure_region(
     hot: NDArray[np.bool_],
     windows: tuple[tuple[slice, slice], ...],
     sensor: Sensor,
-    number: int,
 ) -> FirstOrders:
     """Measure one region's first-order light in all frames."""
 
@@ -310,16 +280,11 @@ def _measure_region(
     raw = np.stack([cut(frame) for frame in frames])
     usable = cut(hot) == 0
     light = raw - cut(dark)
-    clipped = ((raw >= sensor.full_scale) & usable).any(axis=1)
-    if clipped.mean() > 0.2:
-        raise ValueError(
-            f"the spots of region {number + 1} are clipped in {clipped.sum()} of {len(frames)} "
-            "frames; expose them shorter"
-        )
     order = np.argsort(light[:, usable].sum(axis=1))
     half = len(order) // 2
     shape = light[order[half:]].mean(axis=0) - light[order[:half]].mean(axis=0)
     weight = np.where(usable, np.clip(shape, 0, None), 0.0)
     weight /= math.sqrt(float((weight**2).sum())) or 1.0
-    variance = frame_variance(raw, sensor)
-    return FirstOrders(light @ weight, np.sqrt(variance @ weight**2), clipped, windows)
+    noise = np.sqrt(frame_variance(raw, sensor) @ weight**2)
+    clipped = ((raw >= sensor.full_scale) & usable).any(axis=1)
+    return FirstOrders(light @ weight, noise, clipped, windows)

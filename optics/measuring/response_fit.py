@@ -10,7 +10,6 @@ of a wave from the first, is most sensitive at these levels.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,56 +22,32 @@ from optics.measuring.phase_curve import (
     MIN_LEVELS,
     OFFSET,
     RIPPLE2,
+    SOME_GHOST,
     SWING,
     PhaseCurve,
     Sweep,
     monotone_spline_basis,
 )
-from optics.measuring.phase_curve import SETTINGS as CURVE_SETTINGS
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ResponseFitSettings:
-    """Tune the search for a panel's phase response; all values are chosen.
-
-    increment_counts: numbers of spline increments, tried in this order, each from the result of the
-        one before.
-    gammas: exponents of the level in the starting curves.
-    ghost_margin: improvement of the information criterion from which a ghost is accepted.
-    first_blur2: starting value of the squared blur, panel pixels squared.
-    first_ripple2: starting value of the squared ripple.
-    starts_fitted: number of the starting curves that are fitted.
-    starts_refined: number of the fitted curves that are refined with more increments.
-    same_range: radians at the highest level within which two coarse curves count as the same.
-    outlier_sigmas: standard deviations beyond which a frame is an outlier.
-    min_swing_to_noise: least swing of the light, in standard deviations of its noise.
-    blur_phase_error: radians by which blur moves the light's turning points, per square of the
-        ratio of blur to the stripes' period.
-    blur_uncertainty: relative uncertainty of that shift, because the blur needn't be a Gaussian.
-    max_residual: root mean square residual, as a share of the swing, beyond which a fit is refused.
-    """
-
-    increment_counts: tuple[int, ...] = (5, 7, 9, 11, 13, 15, 18)
-    gammas: tuple[float, ...] = (0.6, 0.8, 1.0, 1.25, 1.6)
-    ghost_margin: float = 16.0
-    first_blur2: float = 0.04
-    first_ripple2: float = 1e-5
-    starts_fitted: int = 8
-    starts_refined: int = 3
-    same_range: float = 0.3
-    outlier_sigmas: float = 5.0
-    min_swing_to_noise: float = 10.0
-    blur_phase_error: float = 108.0
-    blur_uncertainty: float = 0.05
-    max_residual: float = 0.1
-
-
-_SETTINGS = ResponseFitSettings()
-
-_TRIAL_RANGES = np.linspace(0.6, 1.45, 35)
-"""Phase ranges of the starting curves, relative to the expected range."""
+# Of the spline, each from the fit before; all are chosen
+_INCREMENT_COUNTS = (5, 7, 9, 11, 13, 15, 18)
+_GAMMAS = (0.6, 0.8, 1.0, 1.25, 1.6)  # exponents of the level in the starting curves
+# Starting values, panel pixels² and share of the phase, squared
+_FIRST_BLUR2, _FIRST_RIPPLE2 = 0.04, 1e-5
+# Starting curves that are fitted, and refined with more increments
+_STARTS_FITTED, _STARTS_REFINED = 8, 3
+_SAME_RANGE = 0.3  # radians at the highest level within which two coarse curves count as the same
+_GHOST_MARGIN = 16.0  # improvement of the information criterion from which a ghost is accepted
+_OUTLIER_SIGMAS = 5.0  # standard deviations beyond which a frame is an outlier
+# Of the light over its noise; root mean square over the swing
+_MIN_SWING_TO_NOISE, _MAX_RESIDUAL = 10.0, 0.1
+# Radians by which blur moves turning points, per square of blur over period
+_BLUR_PHASE_ERROR = 108.0
+_BLUR_UNCERTAINTY = 0.05  # relative, of that shift: the blur needn't be a Gaussian
+_TRIAL_RANGES = np.linspace(0.6, 1.45, 35)  # of the starting curves, over the expected range
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,34 +97,31 @@ def fit_response(sweep: Sweep, levels: int, expected_range: float) -> ResponseFi
         raise ValueError(
             f"expected_range is {expected_range:g} rad; it must be positive and finite"
         )
-    _require_swing(sweep)
-    found = _fit_curves(sweep, levels, expected_range)
-    best = found[0]
-    away = np.abs(best.misfit) * sweep.noise / _scatter(best.misfit * sweep.noise, sweep.noise)
-    used = away <= _SETTINGS.outlier_sigmas
-    if not used.all() and used.sum() >= MIN_LEVELS:
-        found = _fit_curves(sweep.select(used), levels, expected_range)
-        best = replace(found[0], sweep=sweep)
-    else:
-        used = np.ones(len(used), dtype=bool)
-    return _build_response_fit(best, used, levels, _rival_margin(found))
-
-
-def _require_swing(sweep: Sweep) -> None:
-    """Raise ValueError for a sweep whose light hardly varies."""
     low, high = np.percentile(sweep.light, [5, 95])
-    if not high - low > _SETTINGS.min_swing_to_noise * np.median(sweep.noise):
+    if not high - low > _MIN_SWING_TO_NOISE * np.median(sweep.noise):
         raise ValueError(
             f"the light in the first orders comes and goes by {high - low:.3g}, with a noise of "
             f"{np.median(sweep.noise):.3g}: too little to see the phase; expose longer, or check "
             "the polariser and that the panel shows the gratings"
         )
-
-
-def _scatter(misses: Array, noise: Array) -> Array:
-    """Estimate each frame's standard deviation from the median residual; its noise at least."""
-    typical = 1.4826 * float(np.median(np.abs(misses / noise)))
-    return noise * max(typical, 1.0)
+    found = _fit_curves(sweep, levels, expected_range)
+    best = found[0]
+    misfit = np.abs(best.predicted_light() - sweep.light) / sweep.noise
+    # Frames are compared with the median residual, and with their noise at least.
+    used = misfit <= _OUTLIER_SIGMAS * max(1.4826 * float(np.median(misfit)), 1.0)
+    if not used.all() and used.sum() >= MIN_LEVELS:
+        found = _fit_curves(sweep.select(used), levels, expected_range)
+        best = replace(found[0], sweep=sweep)
+    else:
+        used = np.ones(len(used), dtype=bool)
+    # A rival counts the waves otherwise: its phase range differs by more than π/2.
+    rivals = [
+        curve.information_criterion
+        for curve in found
+        if abs(curve.phase_range - found[0].phase_range) > math.pi / 2
+    ]
+    rival_margin = min(rivals, default=math.inf) - found[0].information_criterion
+    return _build_response_fit(best, used, levels, rival_margin)
 
 
 def _fit_curves(sweep: Sweep, levels: int, expected_range: float) -> list[PhaseCurve]:
@@ -157,41 +129,33 @@ def _fit_curves(sweep: Sweep, levels: int, expected_range: float) -> list[PhaseC
 
     Each curve has the number of increments that suits it best.
     """
-    top = levels - 1
     found: list[PhaseCurve] = []
-    coarse = [start.fit() for start in _starts(sweep, top, expected_range)]
-    distinct = _distinct_curves(sorted(coarse, key=lambda curve: curve.cost))
-    for start in distinct[: _SETTINGS.starts_refined]:
+    coarse = [start.fit() for start in _starts(sweep, levels - 1, expected_range)]
+    distinct: list[PhaseCurve] = []
+    for curve in sorted(coarse, key=lambda curve: curve.cost):
+        if all(abs(curve.phase_range - one.phase_range) > _SAME_RANGE for one in distinct):
+            distinct.append(curve)
+    for start in distinct[:_STARTS_REFINED]:
         tried = [start]
-        for count in _SETTINGS.increment_counts[1:]:
+        for count in _INCREMENT_COUNTS[1:]:
             if FIRST_INCREMENT + count > len(sweep.light) - 4:
                 break
             tried.append(tried[-1].with_increments(count).fit())
         found.append(min(tried, key=lambda curve: curve.information_criterion))
     best = min(found, key=lambda curve: curve.information_criterion)
-    with_ghost = replace(best, ghost_sigma=CURVE_SETTINGS.some_ghost).fit()
-    if with_ghost.information_criterion < best.information_criterion - _SETTINGS.ghost_margin:
+    with_ghost = replace(best, ghost_sigma=SOME_GHOST).fit()
+    if with_ghost.information_criterion < best.information_criterion - _GHOST_MARGIN:
         found.append(with_ghost)
     return sorted(found, key=lambda curve: curve.information_criterion)
 
 
-def _distinct_curves(curves: list[PhaseCurve]) -> list[PhaseCurve]:
-    """Drop curves whose phase range is that of a better curve; the best come first."""
-    kept: list[PhaseCurve] = []
-    for curve in curves:
-        if all(abs(curve.phase_range - other.phase_range) > _SETTINGS.same_range for other in kept):
-            kept.append(curve)
-    return kept
-
-
-def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurve]:
+def _starts(sweep: Sweep, top: int, expected_range: float) -> list[PhaseCurve]:
     """Choose the starting curves: the best of many that differ in phase range and shape."""
-    count = _SETTINGS.increment_counts[0]
     fine = np.linspace(0, top, 200)
-    basis = monotone_spline_basis(fine, top, count)
-    lead = [1, 0, _SETTINGS.first_blur2, _SETTINGS.first_ripple2, 0]
+    basis = monotone_spline_basis(fine, top, _INCREMENT_COUNTS[0])
+    lead = [1, 0, _FIRST_BLUR2, _FIRST_RIPPLE2, 0]
     tried = []
-    for gamma in _SETTINGS.gammas:
+    for gamma in _GAMMAS:
         shape, *_ = np.linalg.lstsq(basis, (fine / top) ** gamma, rcond=None)
         shape = np.clip(shape, 1e-3, None)
         for reach in _TRIAL_RANGES:
@@ -199,32 +163,18 @@ def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurv
             curve = PhaseCurve(sweep, top, np.concatenate([lead, increments]))
             tried.append(curve.with_fitted_swing())
     tried = [curve for curve in tried if curve.parameters[SWING] > 0] or tried
-    return sorted(tried, key=lambda curve: curve.cost)[: _SETTINGS.starts_fitted]
-
-
-def _rival_margin(curves: list[PhaseCurve]) -> float:
-    """Compute by how much the best fit of another phase range is worse.
-
-    It is a difference of information criteria. Another phase range differs by more than π/2.
-    """
-    best = curves[0]
-    others = [
-        c.information_criterion
-        for c in curves
-        if abs(c.phase_range - best.phase_range) > math.pi / 2
-    ]
-    return min(others, default=math.inf) - best.information_criterion
+    return sorted(tried, key=lambda curve: curve.cost)[:_STARTS_FITTED]
 
 
 def _build_response_fit(
-    best: PhaseCurve, inliers: NDArray[np.bool_], levels: int, rival: float
+    best: PhaseCurve, inliers: NDArray[np.bool_], levels: int, rival_margin: float
 ) -> ResponseFit:
     """Build the response from the best curve, or raise ValueError for a bad fit."""
     sweep, p = best.sweep, best.parameters
     predicted = best.predicted_light()
     misses = (sweep.light - predicted)[inliers]
     residual = float(np.sqrt((misses**2).mean())) / p[SWING]
-    if not residual < _SETTINGS.max_residual:
+    if not residual < _MAX_RESIDUAL:
         raise ValueError(
             f"the light follows no rising phase: it is off by {residual:.0%} of its swing, root "
             "mean square; check that the lamp is steady and that the table of the panel's range "
@@ -232,24 +182,18 @@ def _build_response_fit(
         )
     freedom = max(int(inliers.sum()) - len(p), 1)
     chi2 = float(((misses / sweep.noise[inliers]) ** 2).sum()) / freedom
-    basis = monotone_spline_basis(np.arange(levels), levels - 1, best.increment_count)
-    covariance = best.covariance(inliers) * max(chi2, 1.0)
+    basis = monotone_spline_basis(np.arange(levels), levels - 1, len(best.increments))
+    # A parameter on a bound counts as free, so that the covariance isn't too small.
+    jacobian = best.jacobian(p)
+    jacobian = jacobian[np.append(inliers, np.ones(len(jacobian) - len(inliers), dtype=bool))]
+    covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True) * max(chi2, 1.0)
     spread = basis @ covariance[FIRST_INCREMENT:, FIRST_INCREMENT:]
-    shift = min(_SETTINGS.blur_phase_error * p[BLUR2] / sweep.law.period**2, math.pi)
-    blurred = _SETTINGS.blur_uncertainty * shift
+    shift = min(_BLUR_PHASE_ERROR * p[BLUR2] / sweep.law.period**2, math.pi)
     # A ghost shifts all phases by twice its share. Half of that shift is taken as uncertainty.
-    doubt = math.hypot(blurred, p[GHOST])
+    doubt = math.hypot(_BLUR_UNCERTAINTY * shift, p[GHOST])
     return ResponseFit(
-        phase=np.maximum.accumulate(basis @ best.increments),
-        sigma=np.sqrt(np.clip((spread * basis).sum(1), 0, None) + doubt**2),
-        blur=math.sqrt(p[BLUR2]),
-        ripple=math.sqrt(p[RIPPLE2]),
-        swing=float(p[SWING]),
-        offset=float(p[OFFSET]),
-        ghost=float(p[GHOST]),
-        predicted=predicted,
-        inliers=inliers,
-        residual=residual,
-        chi2=chi2,
-        rival_margin=rival,
-    )
+        np.maximum.accumulate(basis @ best.increments),
+        np.sqrt(np.clip((spread * basis).sum(1), 0, None) + doubt**2),
+        math.sqrt(p[BLUR2]), math.sqrt(p[RIPPLE2]), float(p[SWING]), float(p[OFFSET]),
+        float(p[GHOST]), predicted, inliers, residual, chi2, rival_margin,
+    )  # fmt: skip

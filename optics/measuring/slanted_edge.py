@@ -72,8 +72,18 @@ def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResp
         values = values.T
     offset, slope = _fit_edge_line(values)
     places, edge = _edge_spread(values, offset, slope, oversampling)
-    frequencies, mtf = _mtf_from_edge_spread(edge, oversampling)
-    return EdgeResponse(frequencies, mtf, math.atan(slope), horizontal, places, edge)
+    spread = np.diff(edge)
+    # Tukey's window is flat, with cosine tapers of this share of it.
+    taper, count = 0.3, len(spread)
+    place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
+    window = 0.5 * (1 + np.cos(np.pi * np.clip((place - (1 - taper)) / taper, 0, 1)))
+    transform = np.abs(np.fft.rfft(spread * window))
+    frequencies = np.fft.rfftfreq(count, 1 / oversampling)
+    known = frequencies <= min(1.0, oversampling / 2)
+    mtf = transform / transform[0] / np.sinc(frequencies / oversampling) ** 2
+    angle = math.atan(slope)
+    at = np.asarray(frequencies[known], dtype=np.float64)
+    return EdgeResponse(at, mtf[known], angle, horizontal, places, edge)
 
 
 def _fit_edge_line(values: Array) -> tuple[float, float]:
@@ -93,11 +103,8 @@ def _fit_edge_line(values: Array) -> tuple[float, float]:
         centroid = (derivative * weights * columns).sum(1) / strength
         slope, offset = np.polyfit(rows, centroid, 1)
         away = columns - (offset + slope * rows)[:, None]
-        weights = np.where(
-            np.abs(away) < half_width,
-            np.cos(np.pi * away / (2 * half_width)) ** 2,
-            0.0,
-        )
+        inside = np.abs(away) < half_width
+        weights = np.where(inside, np.cos(np.pi * away / (2 * half_width)) ** 2, 0.0)
     return float(offset), float(slope)
 
 
@@ -130,22 +137,3 @@ def _edge_spread(
         )
     total = np.bincount(number[inside], values[inside], minlength=2 * half)
     return (np.arange(2 * half) - half + 0.5) / oversampling, total / count
-
-
-def _mtf_from_edge_spread(edge: Array, oversampling: int) -> tuple[Array, Array]:
-    """Return frequencies in cycles per pixel, and the MTF at them."""
-    spread = np.diff(edge)
-    window = _tukey_window(len(spread))
-    transform = np.abs(np.fft.rfft(spread * window))
-    frequencies = np.fft.rfftfreq(len(spread), 1 / oversampling)
-    known = frequencies <= min(1.0, oversampling / 2)
-    mtf = transform / transform[0] / np.sinc(frequencies / oversampling) ** 2
-    return np.asarray(frequencies[known], dtype=np.float64), np.asarray(mtf[known])
-
-
-def _tukey_window(count: int) -> Array:
-    """Return Tukey's window, flat with cosine tapers."""
-    taper = 0.3  # The tapers take this share of the window.
-    place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
-    fall = np.clip((place - (1 - taper)) / taper, 0, 1)
-    return 0.5 * (1 + np.cos(np.pi * fall))

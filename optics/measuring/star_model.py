@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -18,26 +18,11 @@ from optics.psf.chain_collapsed import collapse_to_thin_camera
 from optics.slm import Panel
 from optics.validation import require_wavelength
 
-
-@dataclass(frozen=True)
-class StarModelSettings:
-    """Tune the sampling of the star's model; all values are chosen.
-
-    most_pixels: most pixels along a side of the coarser panel that replaces the real one. It is
-        enough because wavefronts are smooth.
-    oversampling: samples relative to the fewest that resolve the PSF, for cubic interpolation.
-    tol: tolerance of the PSF, to force double precision. In single precision the derivatives would
-        be dominated by rounding before a fit converges.
-    margin: sensor pixels around the window.
-    """
-
-    most_pixels: int = 300
-    oversampling: float = 3.0
-    tol: float = 1e-6
-    margin: int = 4
-
-
-_SETTINGS = StarModelSettings()
+_MOST_PIXELS = 300  # a side of the coarser panel: enough because wavefronts are smooth; chosen
+_OVERSAMPLING = 3.0  # samples over the fewest that resolve the PSF, for cubic interpolation; chosen
+# Forces double precision: rounding would dominate the derivatives before a fit converges
+_TOL = 1e-6
+_MARGIN = 4  # sensor pixels around the window; chosen
 
 
 class StarModel:
@@ -75,33 +60,43 @@ class StarModel:
         self.wavelength, self.pattern_count = wavelength, len(phases)
         image = diameter * camera.magnification(distance)
         camera = _with_lens_at_panel(camera, distance)
+        panel = camera.panel
         self.radius = open_pupil_radius(camera)
-        factor = _coarsening_factor(camera.panel.shape)
-        coarse = _coarse_panel(camera.panel, factor)
+        # The smallest common divisor of the panel's sides that leaves few enough pixels.
+        common, longest = math.gcd(*panel.shape), max(panel.shape)
+        divisors = (d for d in range(1, common + 1) if common % d == 0)
+        factor = next((d for d in divisors if longest / d <= _MOST_PIXELS), common)
+        coarse = Panel(  # of perfect pixels
+            shape=(panel.shape[0] // factor, panel.shape[1] // factor),
+            pitch=panel.pitch * factor,
+            fill_factor=1.0,
+            levels=panel.levels,
+            max_phase=panel.max_phase,
+            unmodulated=0.0,
+        )
         behind = replace(camera, panel=coarse)
         self.plane = coarse.plane
         self.light_on_panel = pupil_amplitude(behind)
         self._unmodulated = unmodulated
-        lit = camera.panel.illumination
-        amplitude = None if lit is None else lit.at_pixels(camera.panel).sqrt()
+        lit = panel.illumination
+        amplitude = None if lit is None else lit.at_pixels(panel).sqrt()
         self._modulations = [_block_average(phase, amplitude, factor) for phase in phases]
         self._neutral_modulation = _block_average(torch.zeros_like(phases[0]), amplitude, factor)
         scale = wavelength * camera.lens.image_distance
-        self._pixel_positions = (
-            _window_vectors(registration, wavelength, corner, shape) * scale / camera.panel.pitch
-        )
-        self._position_per_pixel = (
-            _vector_per_pixel(registration, wavelength) * scale / camera.panel.pitch
-        )
-        self._grid = _grid(camera, wavelength, self._pixel_positions)
+        pixels = np.stack(list(np.indices(shape, dtype=np.float64)), axis=-1) + corner
+        vectors = torch.from_numpy(registration.to_vectors(pixels, wavelength))
+        self._pixel_positions = vectors * scale / panel.pitch
+        stretch = wavelength / registration.wavelength
+        per_pixel = torch.from_numpy(np.linalg.inv(registration.matrix * stretch))
+        self._position_per_pixel = per_pixel * scale / panel.pitch
+        # A grid along the panel's axes over the window, fine enough for cubic interpolation.
+        finer = math.ceil(_OVERSAMPLING * nyquist_samples_per_pixel(camera, wavelength))
+        pitch = camera.sensor.pitch / finer
+        reach = self._pixel_positions.abs().amax(dim=(0, 1)) + _MARGIN * camera.sensor.pitch
+        rows, columns = (2 * math.ceil(float(r) / pitch) + 1 for r in reach)
+        self._grid = Plane((rows, columns), (pitch, pitch))
         self._operator = PSFOperator(
-            behind,
-            distance,
-            wavelength,
-            self._grid,
-            integrate=False,
-            unmodulated=0.0,
-            tol=_SETTINGS.tol,
+            behind, distance, wavelength, self._grid, integrate=False, unmodulated=0.0, tol=_TOL
         )
         self._blur_transfer = _disc_and_pixel_transfer(self._grid, image, self._position_per_pixel)
 
@@ -151,27 +146,6 @@ def _with_lens_at_panel(camera: Camera, distance: float) -> Camera:
     return replace(thin, lens=bent)
 
 
-def _coarsening_factor(shape: tuple[int, int]) -> int:
-    """Return the smallest common divisor of the panel's sides that leaves few enough pixels."""
-    common = math.gcd(*shape)
-    divisors = [d for d in range(1, common + 1) if common % d == 0]
-    few = [d for d in divisors if max(shape) / d <= _SETTINGS.most_pixels]
-    return few[0] if few else common
-
-
-def _coarse_panel(panel: Panel, factor: int) -> Panel:
-    """Return a panel with coarser, perfect pixels."""
-    rows, columns = panel.shape
-    return Panel(
-        shape=(rows // factor, columns // factor),
-        pitch=panel.pitch * factor,
-        fill_factor=1.0,
-        levels=panel.levels,
-        max_phase=panel.max_phase,
-        unmodulated=0.0,
-    )
-
-
 def _block_average(
     phase: torch.Tensor, amplitude: torch.Tensor | None, factor: int
 ) -> torch.Tensor:
@@ -181,31 +155,6 @@ def _block_average(
     rows, columns = phase.shape
     blocks = wave.reshape(rows // factor, factor, columns // factor, factor)
     return blocks.mean(dim=(1, 3))
-
-
-def _window_vectors(
-    registration: Registration, wavelength: float, corner: tuple[int, int], shape: tuple[int, int]
-) -> torch.Tensor:
-    """Return the grating vectors (y, x) that send light to a window, (rows, columns, 2)."""
-    y = corner[0] + np.arange(shape[0], dtype=np.float64)
-    x = corner[1] + np.arange(shape[1], dtype=np.float64)
-    pixels = np.stack(np.broadcast_arrays(y[:, None], x[None, :]), axis=-1)
-    return torch.from_numpy(registration.to_vectors(pixels, wavelength))
-
-
-def _vector_per_pixel(registration: Registration, wavelength: float) -> torch.Tensor:
-    """Return the change of the grating vector from sensor pixel to pixel, (2, 2)."""
-    stretch = wavelength / registration.wavelength
-    return torch.from_numpy(np.linalg.inv(registration.matrix * stretch))
-
-
-def _grid(camera: Camera, wavelength: float, places: torch.Tensor) -> Plane:
-    """Return a grid along the panel's axes over the window, fine enough for cubic interpolation."""
-    finer = math.ceil(_SETTINGS.oversampling * nyquist_samples_per_pixel(camera, wavelength))
-    pitch = camera.sensor.pitch / finer
-    reach = places.abs().amax(dim=(0, 1)) + _SETTINGS.margin * camera.sensor.pitch
-    rows, columns = (2 * math.ceil(float(r) / pitch) + 1 for r in reach)
-    return Plane((rows, columns), (pitch, pitch))
 
 
 def _disc_and_pixel_transfer(grid: Plane, star: float, step: torch.Tensor) -> torch.Tensor:

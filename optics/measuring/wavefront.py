@@ -24,41 +24,23 @@ from optics.zernike import zernike
 Array = NDArray[np.float64]
 Term = tuple[int, int]
 
+# Zernike polynomials that are fitted: those of the second to the fourth degree
 TERMS: tuple[Term, ...] = tuple((n, m) for n in range(2, 5) for m in range(-n, n + 1, 2))
-"""Zernike polynomials that are fitted by default: those of the second to the fourth degree."""
 
 _DEFOCUS = (2, 0)
 
-_START_DEFOCUS = np.linspace(-1.0, 1.0, 9)
-"""Twice the starting values of the defocus, in waves, root mean square."""
+_START_DEFOCUS = np.linspace(-1.0, 1.0, 9)  # waves, root mean square: twice the starting values
 
 
-@dataclass(frozen=True)
-class WavefrontFitSettings:
-    """Tune the fit of a wavefront; all values are chosen.
-
-    starts_followed: most starting values from which the fit is run.
-    steps: most iterations of one fit.
-    good_chi2: mean squared misfit, in standard deviations, below which no other start is tried.
-    parameter_unit: waves, root mean square, and pixels that make one unit of the optimiser's
-        parameters.
-    beam_unit: change of the log amplitude at the disc's edge that makes one unit of the parameters.
-    max_correlation: upper limit of the correlation of neighbouring pixels' misfits.
-    difference_step: step of derivatives by differences, in units of the parameters.
-    model_error: error of the model besides the noise, as a share of a picture's peak.
-    """
-
-    starts_followed: int = 2
-    steps: int = 60
-    good_chi2: float = 1.5
-    parameter_unit: float = 0.05
-    beam_unit: float = 0.2
-    max_correlation: float = 0.95
-    difference_step: float = 0.02
-    model_error: float = 0.005
-
-
-_SETTINGS = WavefrontFitSettings()
+# Starting values that are fitted, and iterations of a fit, at most; chosen
+_STARTS_FOLLOWED, _STEPS = 2, 60
+_GOOD_CHI2 = 1.5  # mean squared misfit, in deviations, below which no other start is tried; chosen
+# Waves, root mean square, and pixels, that are one unit of the optimiser; chosen
+_PARAMETER_UNIT = 0.05
+_BEAM_UNIT = 0.2  # the same of the log amplitude at the disc's edge; chosen
+_DIFFERENCE_STEP = 0.02  # of derivatives, in these units; chosen
+_MAX_CORRELATION = 0.95  # of neighbouring pixels' misfits; chosen
+_MODEL_ERROR = 0.005  # besides the noise, as a share of a picture's peak; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +119,7 @@ class StarPictures:
 
 
 def fit_wavefront(
-    model: StarModel,
-    pictures: StarPictures,
-    *,
-    terms: Sequence[Term] = TERMS,
-    progress: Progress | None = None,
+    model: StarModel, pictures: StarPictures, *, progress: Progress | None = None
 ) -> WavefrontFit:
     """Fit Zernike polynomials to pictures of the star.
 
@@ -149,78 +127,64 @@ def fit_wavefront(
 
     The fit is by least squares in units of the noise, with gradients through the PSF (L-BFGS). It
     begins at the best of nine values of defocus. The light and the background of each picture are
-    fitted, too. Raises ValueError for fewer than two pictures, or if defocus isn't among the terms.
+    fitted, too. Raises ValueError for fewer than two pictures.
     """
     if len(pictures.light) < 2 or len(pictures.light) != model.pattern_count:
         raise ValueError(
             f"{len(pictures.light)} pictures of {model.pattern_count} patterns; a wavefront needs "
             "one of each, and two at least"
         )
-    if _DEFOCUS not in terms:
-        raise ValueError("terms lack defocus, (2, 0); add it")
     progress = progress or Progress()
-    task = _WavefrontProblem(model, pictures, tuple(terms))
+    task = _WavefrontProblem(model, pictures)
     starts = sorted(
         (task.initial_parameters(defocus * 0.5) for defocus in _START_DEFOCUS), key=task.cost
     )
     found = []
-    parts = _SETTINGS.starts_followed + 1
-    for number, start in enumerate(starts[: _SETTINGS.starts_followed]):
+    parts = _STARTS_FOLLOWED + 1
+    for number, start in enumerate(starts[:_STARTS_FOLLOWED]):
         part = progress.part(number / parts, (number + 1) / parts)
         found.append(task.minimise(start, part))
-        if task.chi2(found[-1]) < _SETTINGS.good_chi2:
+        if task.chi2(found[-1]) < _GOOD_CHI2:
             break
     best = min(found, key=task.cost)
-    progress.report(_SETTINGS.starts_followed / parts, "wavefront: uncertainty")
+    progress.report(_STARTS_FOLLOWED / parts, "wavefront: uncertainty")
     return task.build_fit(best)
 
 
 class _WavefrontProblem:
     """The least-squares problem of the fit, and its parameters.
 
-    They are the polynomials' coefficients, in `parameter_unit` waves; the star's position (y, x),
-    in `parameter_unit` pixels; and three numbers of the log amplitude on the panel, in `beam_unit`:
-    its slopes along y and x, and its quadratic fall towards the edge, as for a Gaussian beam.
+    They are the polynomials' coefficients, in `_PARAMETER_UNIT` waves; the star's position (y, x),
+    in as many pixels; and three numbers of the log amplitude on the panel, in `_BEAM_UNIT`: its
+    slopes along y and x, and its quadratic fall towards the edge, as for a Gaussian beam.
     """
 
-    def __init__(self, model: StarModel, pictures: StarPictures, terms: tuple[Term, ...]) -> None:
-        self._model, self._terms = model, terms
+    def __init__(self, model: StarModel, pictures: StarPictures) -> None:
+        self._model = model
         self._light = torch.from_numpy(pictures.light)
         peak = pictures.light.max(axis=(1, 2), keepdims=True)
-        variance = pictures.variance + (_SETTINGS.model_error * peak) ** 2
-        weight = np.where(pictures.usable, 1 / variance, 0.0)
-        self._weight = torch.from_numpy(weight)
-        y, x = model.plane.mesh()
-        shapes = [zernike(n, m, y / model.radius, x / model.radius) for n, m in terms]
-        self._shapes = torch.stack([shape.expand(model.plane.shape) for shape in shapes])
-        self._path_unit = _SETTINGS.parameter_unit * model.wavelength
-        y, x = (axis.expand(model.plane.shape) / model.radius for axis in (y, x))
-        self._beam = torch.stack([y, x, y**2 + x**2]) * _SETTINGS.beam_unit
+        variance = pictures.variance + (_MODEL_ERROR * peak) ** 2
+        self._weight = torch.from_numpy(np.where(pictures.usable, 1 / variance, 0.0))
+        y, x = (axis / model.radius for axis in model.plane.mesh())
+        shape = model.plane.shape
+        self._shapes = torch.stack([zernike(n, m, y, x).expand(shape) for n, m in TERMS])
+        self._path_unit = _PARAMETER_UNIT * model.wavelength
+        y, x = y.expand(shape), x.expand(shape)
+        self._beam = torch.stack([y, x, y**2 + x**2]) * _BEAM_UNIT
 
     def initial_parameters(self, waves: float) -> torch.Tensor:
-        start = torch.zeros(len(self._terms) + 2 + len(self._beam), dtype=torch.float64)
-        start[self._terms.index(_DEFOCUS)] = waves / _SETTINGS.parameter_unit
+        start = torch.zeros(len(TERMS) + 2 + len(self._beam), dtype=torch.float64)
+        start[TERMS.index(_DEFOCUS)] = waves / _PARAMETER_UNIT
         return start
-
-    def _split_parameters(
-        self, parameters: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Split the parameters into Zernike terms, star position and beam."""
-        n = len(self._terms)
-        return parameters[:n], parameters[n : n + 2], parameters[n + 2 :]
 
     def predict_pictures(self, parameters: torch.Tensor) -> torch.Tensor:
         """Predict the pictures, each with fitted light and background."""
-        polynomials, place, beam = self._split_parameters(parameters)
-        path = torch.tensordot(polynomials, self._shapes, 1) * self._path_unit
-        amplitude = torch.exp(torch.tensordot(beam, self._beam, 1))
-        shares = self._model(path, place * _SETTINGS.parameter_unit, amplitude)
-        return torch.stack(
-            [
-                _fit_light_and_background(share, light, weight)
-                for share, light, weight in zip(shares, self._light, self._weight, strict=True)
-            ]
-        )
+        n = len(TERMS)
+        path = torch.tensordot(parameters[:n], self._shapes, 1) * self._path_unit
+        amplitude = torch.exp(torch.tensordot(parameters[n + 2 :], self._beam, 1))
+        shares = self._model(path, parameters[n : n + 2] * _PARAMETER_UNIT, amplitude)
+        every = zip(shares, self._light, self._weight, strict=True)
+        return torch.stack([_fit_light_and_background(*one) for one in every])
 
     def misfit(self, parameters: torch.Tensor) -> torch.Tensor:
         return ((self.predict_pictures(parameters) - self._light) ** 2 * self._weight).sum()
@@ -238,14 +202,14 @@ class _WavefrontProblem:
         parameters = start.clone().requires_grad_(True)
         scale = max(self.cost(start), 1.0)
         optimiser = torch.optim.LBFGS(
-            [parameters], max_iter=_SETTINGS.steps, history_size=20, line_search_fn="strong_wolfe"
+            [parameters], max_iter=_STEPS, history_size=20, line_search_fn="strong_wolfe"
         )
         calls = 0
 
         def closure() -> torch.Tensor:
             nonlocal calls
             calls += 1
-            progress.report(min(calls / (1.25 * _SETTINGS.steps), 1.0), "wavefront")
+            progress.report(min(calls / (1.25 * _STEPS), 1.0), "wavefront")
             optimiser.zero_grad()
             loss = self.misfit(parameters) / scale
             loss.backward()  # type: ignore[no-untyped-call]
@@ -256,40 +220,30 @@ class _WavefrontProblem:
 
     def build_fit(self, parameters: torch.Tensor) -> WavefrontFit:
         """Build the wavefront and its uncertainty from the best parameters."""
-        step = _SETTINGS.difference_step
+        root = self._weight.sqrt()
         with torch.no_grad():
             seen = self.predict_pictures(parameters)
             columns = []
-            for k in range(len(parameters)):
-                nudge = torch.zeros_like(parameters)
-                nudge[k] = step
-                change = self.predict_pictures(parameters + nudge) - self.predict_pictures(
-                    parameters - nudge
-                )
-                columns.append((change / (2 * step) * self._weight.sqrt()).ravel())
+            for nudge in torch.eye(len(parameters), dtype=torch.float64) * _DIFFERENCE_STEP:
+                more, less = (self.predict_pictures(parameters + s * nudge) for s in (1, -1))
+                columns.append(((more - less) / (2 * _DIFFERENCE_STEP) * root).ravel())
         jacobian = torch.stack(columns, dim=1)
         chi2 = self.chi2(parameters)
         # Model errors are correlated between neighbouring pixels, which counts as fewer pixels.
-        doubt = max(chi2, 1.0) * _correlation_area((seen - self._light) * self._weight.sqrt())
+        doubt = max(chi2, 1.0) * _correlation_area((seen - self._light) * root)
+        n = len(TERMS)
         covariance = torch.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * doubt
-        n = len(self._terms)
-        polynomials = covariance[:n, :n].numpy() * self._path_unit**2
+        covariance = covariance[:n, :n].numpy() * self._path_unit**2
         coefficients = parameters[:n].numpy() * self._path_unit
-        place = self._split_parameters(parameters)[1] * _SETTINGS.parameter_unit
-        rms, sigma = self._rms_over_pupil(coefficients, polynomials)
+        y, x = (parameters[n : n + 2] * _PARAMETER_UNIT).tolist()
+        rms, sigma = self._rms_over_pupil(coefficients, covariance)
         usable = self._weight > 0
         away = float(((seen - self._light)[usable] ** 2).sum().sqrt())
+        residual = away / float(self._light[usable].norm())
         return WavefrontFit(
-            self._terms,
-            coefficients,
-            polynomials,
-            self._model.radius,
-            rms,
-            sigma,
-            (float(place[0]), float(place[1])),
-            away / float(self._light[usable].norm()),
-            chi2,
-        )
+            TERMS, coefficients, covariance, self._model.radius, rms, sigma, (y, x),
+            residual, chi2,
+        )  # fmt: skip
 
     def _rms_over_pupil(self, coefficients: Array, covariance: Array) -> tuple[float, float]:
         """Compute the path's rms over the open pupil without mean and tilt, and its sigma."""
@@ -298,17 +252,16 @@ class _WavefrontProblem:
         y, x = self._model.plane.mesh()
         flat = torch.stack([torch.ones(lit.shape), y.expand(lit.shape), x.expand(lit.shape)])
         basis = flat.reshape(3, -1).T.numpy() * np.sqrt(weight)[:, None]
-        shapes = self._shapes.reshape(len(self._terms), -1).T.numpy() * np.sqrt(weight)[:, None]
+        shapes = self._shapes.reshape(len(TERMS), -1).T.numpy() * np.sqrt(weight)[:, None]
         shapes = shapes - basis @ np.linalg.lstsq(basis, shapes, rcond=None)[0]
         spread = float(np.einsum("pi,ij,pj", shapes, covariance, shapes))
         return float(np.linalg.norm(shapes @ coefficients)), math.sqrt(max(spread, 0.0))
 
 
 def _correlation_area(misfit: torch.Tensor) -> float:
-    """Estimate the area in pixels over which the misfits of a picture are correlated.
+    """Estimate the area in pixels over which misfits, (pictures, rows, columns), are correlated.
 
-    misfit: (pictures, rows, columns). The correlation is assumed to fall exponentially with
-        distance.
+    The correlation is assumed to fall exponentially with distance.
     """
     area = 1.0
     power = float((misfit**2).sum())
@@ -316,7 +269,7 @@ def _correlation_area(misfit: torch.Tensor) -> float:
         n = misfit.shape[axis]
         neighbours = misfit.narrow(axis, 0, n - 1) * misfit.narrow(axis, 1, n - 1)
         alike = max(float(neighbours.sum()) / max(power, 1e-300), 0.0)
-        alike = min(alike, _SETTINGS.max_correlation)
+        alike = min(alike, _MAX_CORRELATION)
         area *= (1 + alike) / (1 - alike)
     return area
 

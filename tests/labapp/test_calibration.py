@@ -48,7 +48,6 @@ from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from optics.camera import Camera, Sensor
 from optics.measuring import wavefront
-from optics.measuring.wavefront import WavefrontFitSettings
 from optics.progress import Cancelled, Progress
 from optics.slm import grey_to_phase
 
@@ -108,7 +107,7 @@ def found(files, folder) -> CalibrationResult:
     """
     request = CalibrationRequest(wavelengths_nm=(532.0,), regions=(1, 2), levels=LEVELS)
     with pytest.MonkeyPatch.context() as patch, open_bench(files) as bench:
-        patch.setattr(wavefront, "_SETTINGS", WavefrontFitSettings(steps=25))
+        patch.setattr(wavefront, "_STEPS", 25)
         return calibrate(bench, request, folder)
 
 

@@ -61,15 +61,15 @@ def test_a_turned_and_mirrored_panel_with_an_unknown_response_is_found(degrees, 
 
 def exact(matrix, centre, vectors):
     places = np.asarray(centre) + vectors @ np.asarray(matrix).T
-    return [Spot(y, x, 0.01, 1e4, 10.0, False) for y, x in places]
+    return [Spot(y, x, 0.01, 1e4, 10.0) for y, x in places]
 
 
 def test_spots_that_are_none_of_the_panel_are_left_out(rng):
     matrix, centre = turned(7.0, True), (60.0, 80.0)
     vectors = np.array([(0.0, 0.0), *registration_vectors(0.2)])
     spots = exact(matrix, centre, vectors)
-    spots[3] = Spot(30.0, 40.0, 0.01, 1e4, 10.0, False)
-    spots[5] = Spot(90.0, 11.0, 0.01, 1e4, 10.0, False)
+    spots[3] = Spot(30.0, 40.0, 0.01, 1e4, 10.0)
+    spots[5] = Spot(90.0, 11.0, 0.01, 1e4, 10.0)
     found = register(vectors, spots, WAVELENGTH)
     assert found.inliers.tolist() == [True, True, True, False, True, False, True]
     np.testing.assert_allclose(found.matrix, matrix, atol=1e-9)
@@ -92,7 +92,7 @@ def test_the_uncertainty_is_the_scatter_of_repeated_calibrations(rng):
     landed, said = [], []
     for _ in range(200):
         spots = [
-            Spot(s.y + rng.normal(0, 0.05), s.x + rng.normal(0, 0.05), 0.05, 1e4, 10.0, False)
+            Spot(s.y + rng.normal(0, 0.05), s.x + rng.normal(0, 0.05), 0.05, 1e4, 10.0)
             for s in exact(matrix, (60.0, 80.0), vectors)
         ]
         found = register(vectors, spots, WAVELENGTH)
@@ -189,7 +189,7 @@ def test_too_little_for_a_map_is_refused(vectors, message):
 
 def test_spots_that_agree_with_nothing_are_refused(rng):
     vectors = np.array([(0.0, 0.0), *registration_vectors(0.2)])
-    spots = [Spot(y, x, 0.01, 1e4, 10.0, False) for y, x in rng.uniform(10, 110, (7, 2))]
+    spots = [Spot(y, x, 0.01, 1e4, 10.0) for y, x in rng.uniform(10, 110, (7, 2))]
     with pytest.raises(ValueError, match="agree on one map"):
         register(vectors, spots, WAVELENGTH)
 

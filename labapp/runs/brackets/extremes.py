@@ -12,7 +12,7 @@ from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.steps import planned_settings
 from optics.camera import Sensor
 from optics.hdr import ExposureLimits, UnreachableSNR, choose_bracket
-from optics.hdr.exposure_snr import FIRST_MARGIN, ExposureSNR
+from optics.hdr.exposures import FIRST_MARGIN, ExposureSNR
 
 _STEP = 10.0
 """Ratio of the brightest lights for which a bracket is chosen on trial. Chosen: the number of
@@ -108,6 +108,6 @@ def _possible_exposures(
 
 
 def _shortest(limits: ExposureLimits) -> float:
-    from optics.hdr.exposure_limits import AllowedTimes
+    from optics.hdr.exposures import AllowedTimes
 
     return AllowedTimes(limits).time(0)

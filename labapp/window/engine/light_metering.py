@@ -14,8 +14,7 @@ from labapp.runs.brackets.choice import bare_seconds, equal_ladders, least_snr_d
 from labapp.window.exposure_bracket import DARK_FRAMES
 from optics.camera import Sensor
 from optics.hdr import ChosenBracket, ExposureLimits, Meter, MeteredRange, WantedSNR, choose_bracket
-from optics.hdr.exposure_limits import AllowedTimes
-from optics.hdr.exposure_snr import ExposureSNR
+from optics.hdr.exposures import AllowedTimes, ExposureSNR
 from optics.measuring import exposure_for_level, peak_level
 
 TakeTrial = Callable[[float], tuple[float, NDArray[Any]]]
