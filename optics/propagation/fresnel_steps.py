@@ -28,7 +28,7 @@ from optics.propagation.paraxial import (
     step_widths,
     target_ray_frequencies,
 )
-from optics.propagation.propagator import TOLERANCE_SHARES, phase_rounding, working_precision
+from optics.propagation.propagator import Share, phase_rounding, working_precision
 from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.spectral_propagator import transform_error_share
 
@@ -43,17 +43,17 @@ class SingleFresnel(ChirpedPropagator):
     """
 
     name = "single Fresnel transform"
+    search_calls = 16
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
         n = self._paraxial_span.numeric
-        shares = TOLERANCE_SHARES
-        cells, sampling = None, shares.sampling * n.sampling_tol
+        cells, sampling = None, Share.SAMPLING * n.sampling_tol
         if n.cells is None:
             require_replicas_miss_target(self.name, n)
         else:
             cells, sampling = plan_cell_sampling(n, n.scale, sampling)
-        share, turns = shares.sampling + 2 * shares.transform, kernel_turns(self._paraxial_span)
+        share, turns = Share.SAMPLING + 2 * Share.TRANSFORM, kernel_turns(self._paraxial_span)
         self.dtype, self.arithmetic = working_precision(n.tol - self._model_error, turns, share)
         step = ChirpedTransform(
             n.source, span.target, span.scale, self.dtype, n.budget,
@@ -77,7 +77,7 @@ def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
             target_ray_frequencies(n, axis),
             n.source.pitch[axis],
         )
-        allowed = TOLERANCE_SHARES.replica * n.sampling_tol
+        allowed = Share.REPLICA * n.sampling_tol
         if replicas_miss_target(band, pitch, reach, abs(n.scale), allowed):
             continue
         raise ToleranceError(
@@ -176,17 +176,19 @@ class TwoStepFresnel(ChirpedPropagator):
     """
 
     name = "two-step Fresnel"
+    search_calls = 40
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
+        # Errors on the intermediate plane are taken to be all on the target.
+        self.rounding_share = 1.0
         n = self._paraxial_span.numeric
-        shares = TOLERANCE_SHARES
-        self._epsilon = shares.replica * n.sampling_tol
+        self._epsilon = Share.REPLICA * n.sampling_tol
         part, axes, cells = self._cheapest_plane()
         self._tapers = axes
         self._intermediate_plane = _sampled_plane(axes)
         turns = self._turns(part, axes)
-        share = 2 * shares.sampling + 4 * shares.transform
+        share = 2 * Share.SAMPLING + 4 * Share.TRANSFORM
         self.dtype, self.arithmetic = working_precision(n.tol - self._model_error, turns, share)
         scale, error = span.scale, transform_error_share(n)
         first = ChirpedTransform(
@@ -207,7 +209,7 @@ class TwoStepFresnel(ChirpedPropagator):
             error=error,
         )
         self._steps = (first, second)
-        sampling = 2 * shares.sampling * n.sampling_tol + 2 * (first.error + second.error)
+        sampling = 2 * Share.SAMPLING * n.sampling_tol + 2 * (first.error + second.error)
         self._set_error_bound(self._model_error + sampling, share, self._model_error)
         rows, columns = self._intermediate_plane.shape
         self.sampling = f"{columns}x{rows} samples at {part:.3g} of the way"
@@ -223,7 +225,7 @@ class TwoStepFresnel(ChirpedPropagator):
         # The derivatives of both steps nearly cancel, and lose more digits the farther away the
         # plane is. So its distance is limited where derivatives are needed.
         farthest = 8.0 if self._paraxial_span.differentiable else math.inf
-        allowed = TOLERANCE_SHARES.chirp_rounding * n.tol
+        allowed = Share.CHIRP_ROUNDING * n.tol
         for part in (part for part in _PLANE_POSITIONS if abs(part) <= farthest):
             offer = self._plane_at(part)
             if offer is None:
@@ -253,7 +255,7 @@ class TwoStepFresnel(ChirpedPropagator):
         n, cells = self._paraxial_span.numeric, None
         if n.cells is not None:
             try:
-                error = TOLERANCE_SHARES.sampling * n.sampling_tol
+                error = Share.SAMPLING * n.sampling_tol
                 cells, _ = plan_cell_sampling(n, part * n.scale, error)
             except ToleranceError:
                 return None
@@ -283,11 +285,6 @@ class TwoStepFresnel(ChirpedPropagator):
             on = max(abs(p - (between.low + between.high) / 2) for p in places)
             most = max(most, way**2 / abs(part), (wide**2 + on**2) / abs(1 - part))
         return most / (2 * abs(n.scale))
-
-    @property
-    def rounding_share(self) -> float:
-        # Errors on the intermediate plane are taken to be all on the target.
-        return 1.0
 
     @property
     def bytes(self) -> int:

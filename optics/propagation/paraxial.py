@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from optics.accuracy import ToleranceError
-from optics.propagation.propagator import TOLERANCE_SHARES, Propagator
+from optics.propagation.propagator import Propagator, Share
 from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.transfer_function import paraxial_phase_error
 
@@ -131,7 +131,7 @@ def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
     if n.paraxial:
         return 0.0
     error = paraxial_phase_error(n.wavelength, n.distance, frequency)
-    if error > TOLERANCE_SHARES.model * n.tol:
+    if error > Share.MODEL * n.tol:
         raise ToleranceError(
             f"tol {n.tol:g} can't be kept by a paraxial method, which is off by up to "
             f"{error:.2g} rad here; use the scalar methods, or ask for paraxial=True"
@@ -152,14 +152,12 @@ class ParaxialPropagator(Propagator):
         self._model_error = paraxial_model_error(
             span, _largest_kernel_frequency(self._paraxial_span)
         )
-
-    @property
-    def rounding_share(self) -> float:
         # An error of one sample spreads evenly over the target's plane.
         n = self._paraxial_span.numeric
         sides = n.source.pitch if n.cells is None else n.cells
-        spread = zip(n.target.shape, n.target.pitch, sides, strict=True)
-        return math.prod(min(m * pitch * side / abs(n.scale), 1.0) for m, pitch, side in spread)
+        for axis in (0, 1):
+            width = n.target.shape[axis] * n.target.pitch[axis]
+            self.rounding_share *= min(width * sides[axis] / abs(n.scale), 1.0)
 
 
 def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -14,7 +13,7 @@ from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
 from optics.fourier import unit_phasor
 from optics.gauss_legendre import gauss_legendre
 from optics.propagation.paraxial import oversampling_factor, target_ray_frequencies
-from optics.propagation.propagator import TOLERANCE_SHARES, Propagator, working_precision
+from optics.propagation.propagator import Propagator, Share, working_precision
 from optics.propagation.span import FreeSpaceSpan
 
 _RHO = 1 + np.geomspace(1e-3, 1e9, 300)
@@ -102,28 +101,18 @@ def _carrier_phasor(n: int, turns: float, like: torch.Tensor) -> torch.Tensor:
     return unit_phasor(turns * index, like.dtype).to(like.device)
 
 
-@dataclass(frozen=True)
-class DirectQuadratureSettings:
-    """Tune the direct quadrature of the diffraction integral.
+_MAX_POINTS = 1000
+"""Most points along an axis in place of one sample: nodes of a cell, or finer samples of a smooth
+field. Chosen."""
 
-    max_points: largest number of points along an axis in place of one sample: nodes of a cell, or
-        finer samples of a smooth field. Chosen.
-    tile_pairs: pairs of a source point and a target sample per tile, chosen so that they fit in the
-        processor's caches.
-    tile_source_points: source points per tile, unless a single row has more. Chosen.
-    pair_bytes: memory in bytes per pair of a tile.
-    pair_touches: processor time of a pair, in passes over one complex number: one phase, computed
-        in float64, and a square root. Single precision would hardly be faster.
-    """
+_TILE_PAIRS, _TILE_SOURCE_POINTS = 1 << 16, 1 << 11
+"""Pairs of a source point and a target sample per tile, chosen so that they fit in the processor's
+caches, and source points per tile, unless a single row has more."""
 
-    max_points: int = 1000
-    tile_pairs: int = 1 << 16
-    tile_source_points: int = 1 << 11
-    pair_bytes: int = 120
-    pair_touches: int = 140
-
-
-_SETTINGS = DirectQuadratureSettings()
+_PAIR_BYTES, _PAIR_TOUCHES = 120, 140
+"""Memory in bytes per pair of a tile, and processor time of a pair, in passes over one complex
+number: one phase, computed in float64, and a square root. Single precision would hardly be
+faster."""
 
 
 def impulse_response(
@@ -181,7 +170,7 @@ class DirectQuadrature(Propagator):
         factors = [self._factor(axis) for axis in (0, 1)]
         self._factors = (factors[0], factors[1])
         self.dtype = torch.complex128
-        share = 4 * TOLERANCE_SHARES.direct
+        share = 4 * Share.DIRECT
         self.arithmetic = working_precision(n.tol, self._turns(), share, double=True)[1]
         self.error = ErrorEstimate(share * n.sampling_tol, "bound")
         rows, columns = self._points
@@ -192,8 +181,8 @@ class DirectQuadrature(Propagator):
 
         They are nodes of a cell, or finer samples of a smooth field.
         """
-        n, error = self.span.numeric, TOLERANCE_SHARES.direct * self.span.sampling_tol
-        most = _SETTINGS.max_points
+        n, error = self.span.numeric, Share.DIRECT * self.span.sampling_tol
+        most = _MAX_POINTS
         if n.cells is None:
             factor = oversampling_factor(n, axis, error, most)
         else:
@@ -228,12 +217,12 @@ class DirectQuadrature(Propagator):
         points, (my, mx) = math.prod(self._points), self.span.target.shape
         extra = 4 if self.span.cells is None else 2
         kept = self.dtype.itemsize * (extra * points + 2 * my * mx) + 16 * points
-        return kept + _SETTINGS.pair_bytes * max(_SETTINGS.tile_pairs, self._points[1])
+        return kept + _PAIR_BYTES * max(_TILE_PAIRS, self._points[1])
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         my, mx = self.span.target.shape
         pairs = math.prod(self._points) * my * mx
-        return speed.call + pairs * _SETTINGS.pair_touches * speed.touch
+        return speed.call + pairs * _PAIR_TOUCHES * speed.touch
 
     def prepare(self) -> None:
         """Do nothing, because no kernel is kept between calls."""
@@ -360,8 +349,8 @@ def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[sli
     The first list contains the slices of the result's plane, the second those of the plane that is
     summed over.
     """
-    some = min(max(_SETTINGS.tile_source_points // lines, 1), rows)
-    many = max(_SETTINGS.tile_pairs // (some * lines), 1)
+    some = min(max(_TILE_SOURCE_POINTS // lines, 1), rows)
+    many = max(_TILE_PAIRS // (some * lines), 1)
     parts = [
         [slice(first, min(first + step, count)) for first in range(0, count, step)]
         for count, step in ((targets, many), (rows, some))

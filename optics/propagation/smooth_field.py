@@ -11,7 +11,7 @@ import torch
 from optics.accuracy import MachineSpeed
 from optics.fourier import fft
 from optics.fourier.fft import fft_operations
-from optics.propagation.propagator import TOLERANCE_SHARES
+from optics.propagation.propagator import Share
 from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.transfer_function import free_space_transfer_function
 from optics.validation import require_finite
@@ -121,7 +121,7 @@ class SmoothFieldCheck:
         Raises ValueError for a field with light beyond its band or at the source's edges.
         """
         span, field = self._span, field.detach().to(self._dtype)
-        allowed = (TOLERANCE_SHARES.smooth_field * span.tol) ** 2
+        allowed = (Share.SMOOTH_FIELD * span.tol) ** 2
         edges = max(power_shares(_edge_light(span, field), light), default=0.0)
         if edges > allowed:
             raise ValueError(

@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 from optics.accuracy import MachineSpeed
 from optics.caching import byte_limited_cache
 from optics.fourier import FourierGeometry, unit_phasor
-from optics.fourier.banded_matrix import BandedMatrix
 from optics.fourier.differentiation import apply_function, apply_linear_map
-from optics.fourier.fitted_interpolation import FittedInterpolation, interpolation_width
+from optics.fourier.fitted_interpolation import (
+    BandedMatrix,
+    FittedInterpolation,
+    interpolation_width,
+)
 from optics.fourier.spectrum_grid import FullSpectrum, MirroredSpectrum, SpectrumGrid
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
