@@ -230,7 +230,11 @@ def cheapest_candidate(candidates: Iterable[O], budget: Budget, what: str) -> O:
     ToleranceError
         If no candidate fits; the message names the memory that the smallest one needs.
     """
-    choice = MethodChoice([lambda one=one: one for one in candidates], budget, what)
+
+    def maker(one: O) -> Callable[[], O]:
+        return lambda: one
+
+    choice = MethodChoice(map(maker, candidates), budget, what)
     if not choice.candidates:
         raise choice.refusal(math.nan)
     return choice.candidates[0]

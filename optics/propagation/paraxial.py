@@ -49,38 +49,19 @@ def replicas_miss_target(
     return first > last or (first >= 0 and last <= 0)
 
 
-def field_band(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the least and largest frequency of a smooth field along an axis."""
-    return span.carrier[axis] - span.half_bandwidths[axis], span.carrier[
-        axis
-    ] + span.half_bandwidths[axis]
-
-
 def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
     """Return the least and largest frequency of rays from source to target along an axis."""
     n = span.numeric
     depths = [abs(corner[2]) for corner in span.target_corners]
     low, high = span.lateral_range(axis)
     across = max(map(abs, span.lateral_range(1 - axis)))
-    rays = [
-        _ray_frequency(n.wavelength, way, depth, side, span.paraxial)
-        for way in (low, high)
-        for depth in (min(depths), max(depths))
-        for side in (0.0, across)
-    ]
+    rays = []
+    for way in (low, high):
+        for depth in (min(depths), max(depths)):
+            for side in (0.0, across):
+                length = depth if span.paraxial else math.hypot(way, side, depth)
+                rays.append(way / (n.wavelength * length))
     return (min(rays), max(rays)) if n.distance > 0 else (-max(rays), -min(rays))
-
-
-def _ray_frequency(
-    wavelength: float, way: float, depth: float, side: float, paraxial: bool
-) -> float:
-    """Return the frequency of a ray along an axis.
-
-    way, side, depth: the ray's displacement along this axis, the other one and the optical axis.
-    """
-    if paraxial:
-        return way / (wavelength * depth)
-    return way / (wavelength * math.hypot(way, side, depth))
 
 
 def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: int) -> int:
@@ -90,11 +71,8 @@ def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: in
     are evanescent, so they may also decay before the target.
     """
     n = span.numeric
-    band, reach, pitch = (
-        field_band(span, axis),
-        target_ray_frequencies(span, axis),
-        n.source.pitch[axis],
-    )
+    band, reach = span.field_band(axis), target_ray_frequencies(span, axis)
+    pitch = n.source.pitch[axis]
     near = min(abs(corner[2]) for corner in span.target_corners)
     kappa = n.wavelength * near
     for factor in range(1, most + 1):
@@ -107,18 +85,17 @@ def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: in
             continue
         # Rays describe the light only from a distance on of one wavelength for each e-fold of
         # accuracy. At shorter distances, the replicas must have decayed.
-        nearest = 1 / fine - max(map(abs, band))
         if missed and near > n.wavelength * math.log(1 / epsilon):
             return factor
-        if nearest > 0 and _evanescent_decay(nearest, n.wavelength, near) < epsilon:
+        nearest = 1 / fine - max(map(abs, band))
+        square = nearest**2 - 1 / n.wavelength**2
+        if (
+            nearest > 0
+            and square > 0
+            and math.exp(-2 * math.pi * near * math.sqrt(square)) < epsilon
+        ):
             return factor
     return 0
-
-
-def _evanescent_decay(frequency: float, wavelength: float, distance: float) -> float:
-    """Return the share of an evanescent wave's amplitude that is left, or 1 for other waves."""
-    square = frequency**2 - 1 / wavelength**2
-    return math.exp(-2 * math.pi * distance * math.sqrt(square)) if square > 0 else 1.0
 
 
 def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
@@ -173,11 +150,5 @@ def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
     axes = []
     for axis in (0, 1):
         rays = math.hypot(max(map(abs, target_ray_frequencies(span, axis))), math.sqrt(blur))
-        axes.append(min(rays, max(map(abs, field_band(span, axis)))))
+        axes.append(min(rays, max(map(abs, span.field_band(axis)))))
     return math.hypot(*axes)
-
-
-def kernel_turns(span: FreeSpaceSpan) -> float:
-    """Return the paraxial kernel's phase between the two farthest points, in turns."""
-    ways = (max(map(abs, span.lateral_range(axis))) for axis in (0, 1))
-    return max(way**2 for way in ways) / (2 * abs(span.numeric.scale))

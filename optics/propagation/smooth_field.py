@@ -69,21 +69,15 @@ def power_shares(part: torch.Tensor, light: torch.Tensor) -> list[float]:
 
     The result is a list, because that is faster than a tensor for a few numbers.
     """
-    return [
-        p / whole for p, whole in zip(_as_list(part), _as_list(light), strict=True) if whole > 0
-    ]
-
-
-def _as_list(values: torch.Tensor) -> list[float]:
-    numbers: list[float] = values.flatten().tolist()
-    return numbers
+    pairs = zip(part.flatten().tolist(), light.flatten().tolist(), strict=True)
+    return [some / whole for some, whole in pairs if whole > 0]
 
 
 def _suits_single_precision(light: torch.Tensor) -> bool:
     """Return whether the power of every field suits single precision."""
     # Within these limits a field's spectrum, its kernels and their squares stay far from the ends
     # of single precision, 1e-38 and 1e38.
-    return all(1e-20 < one < 1e20 for one in _as_list(light))
+    return all(1e-20 < one < 1e20 for one in light.flatten().tolist())
 
 
 _SINGLE_ROUNDING, _DOUBLE_ROUNDING = 1e-14, 1e-27
@@ -102,9 +96,12 @@ class SmoothFieldCheck:
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         self._span = span
-        inside = [_is_within_band(span, axis) for axis in (0, 1)]
-        self._within_x, self._beyond_x = _true_runs(inside[1]), _true_runs(~inside[1])
-        self._beyond_y = _true_runs(~inside[0])
+        inside_y, inside_x = (
+            _offset_from_carrier(span, axis).abs() <= half * span.source.pitch[axis] * (1 + 1e-9)
+            for axis, half in enumerate(span.half_bandwidths)
+        )
+        self._within_x, self._beyond_x = _true_runs(inside_x), _true_runs(~inside_x)
+        self._beyond_y = _true_runs(~inside_y)
         # Single precision suffices for tolerances from 1e-5 on. There, the light allowed outside
         # the band is 2.5e-11 of all light, and the rounding of an FFT is 1e-13 of it.
         self._dtype = torch.complex64 if span.tol >= 1e-5 else torch.complex128
@@ -188,9 +185,13 @@ class SmoothFieldCheck:
 
         The frequencies are those that `_spectrum` keeps.
         """
-        y, x = (_frequencies(self._span, axis) for axis in (0, 1))
-        x = _take_runs(x, self._within_x)
         n = self._span.numeric
+        # The FFT's frequencies as aliases nearest the carrier, cycles/m.
+        y, x = (
+            n.carrier[axis] + _offset_from_carrier(n, axis) / n.source.pitch[axis]
+            for axis in (0, 1)
+        )
+        x = _take_runs(x, self._within_x)
         exact, fresnel = (
             free_space_transfer_function(y[:, None], x, n.distance, n.wavelength, paraxial=paraxial)
             for paraxial in (False, True)
@@ -233,20 +234,8 @@ def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
     )
 
 
-def _frequencies(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return the FFT's frequencies as aliases nearest the carrier, cycles/m."""
-    return span.carrier[axis] + _offset_from_carrier(span, axis) / span.source.pitch[axis]
-
-
 def _offset_from_carrier(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
     """Return the FFT's frequencies less the carrier, in turns per sample, as aliases nearest 0."""
     n, pitch = span.source.shape[axis], span.source.pitch[axis]
     turns = torch.fft.fftfreq(n, dtype=torch.float64) - span.carrier[axis] * pitch
     return turns - torch.round(turns)
-
-
-def _is_within_band(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return a mask of the FFT's frequencies within carrier ± band."""
-    return _offset_from_carrier(span, axis).abs() <= span.half_bandwidths[axis] * span.source.pitch[
-        axis
-    ] * (1 + 1e-9)
