@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -97,7 +98,11 @@ class Rows:
 def row_bands(stop: Stop) -> list[RowBand]:
     """Divide a stop into bands of rows, in each of which the same curves cut the rows."""
     shapes = (stop.opening, *stop.obscurations)
-    breaks = [y for shape in shapes for y in _break_heights(shape)]
+    breaks: list[float] = []
+    for shape in shapes:
+        # A shape's corners, or a disc's lowest and highest point.
+        places = shape.extent if isinstance(shape, Circle) else shape.corners
+        breaks += [y for y, _ in places]
     breaks += [y for a, b in combinations(shapes, 2) for y, _ in outline_intersections(a, b)]
     low, high = (end[0] for end in stop.opening.extent)
     kept = [low]
@@ -136,13 +141,6 @@ def quadrature_rows(bands: list[RowBand], down: float, along: float, tol: float)
     )
 
 
-def _break_heights(shape: Shape) -> list[float]:
-    """Return the heights of a shape's corners, or of a disc's lowest and highest point."""
-    if isinstance(shape, Circle):
-        return [shape.centre[0] - shape.radius, shape.centre[0] + shape.radius]
-    return [y for y, _ in shape.corners]
-
-
 def _open_stretches(stop: Stop, low: float, high: float) -> tuple[tuple[Curve, Curve], ...]:
     """Return the curves between which rows from `low` to `high` are open, from left to right."""
     middle = np.array([(low + high) / 2])
@@ -164,29 +162,21 @@ def _curves_at(shape: Shape, y: float) -> Iterator[Curve]:
     """Yield the pieces of a shape's boundary that a row at height y crosses."""
     if isinstance(shape, Circle):
         if abs(y - shape.centre[0]) < shape.radius:
-            yield _half_circle(shape, -1.0)
-            yield _half_circle(shape, 1.0)
+            yield partial(_half_circle, shape, -1.0)
+            yield partial(_half_circle, shape, 1.0)
         return
     for start, end in shape.edges:
         if (start[0] > y) != (end[0] > y):
-            yield _straight_edge(start, end)
+            yield partial(_straight_edge, start, end)
 
 
-def _half_circle(circle: Circle, side: float) -> Curve:
+def _half_circle(circle: Circle, side: float, y: Array) -> Array:
     (cy, cx), radius = circle.centre, circle.radius
-
-    def curve(y: Array) -> Array:
-        # The product keeps the digits of rows near the top and the bottom.
-        below, above = radius - (y - cy), radius + (y - cy)
-        return np.asarray(cx + side * np.sqrt(np.maximum(below * above, 0.0)))
-
-    return curve
+    # The product keeps the digits of rows near the top and the bottom.
+    below, above = radius - (y - cy), radius + (y - cy)
+    return np.asarray(cx + side * np.sqrt(np.maximum(below * above, 0.0)))
 
 
-def _straight_edge(start: Point, end: Point) -> Curve:
+def _straight_edge(start: Point, end: Point, y: Array) -> Array:
     (y0, x0), (y1, x1) = start, end
-
-    def curve(y: Array) -> Array:
-        return np.asarray(x0 + (y - y0) * ((x1 - x0) / (y1 - y0)))
-
-    return curve
+    return np.asarray(x0 + (y - y0) * ((x1 - x0) / (y1 - y0)))

@@ -158,7 +158,7 @@ def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
     epsilon: largest share of the source's light that may be lost or come from replicas.
     Raises ToleranceError if some rays to the target are grazing.
     """
-    tapers = _TaperedAxes(span, epsilon)
+    tapers = _TaperedAxes(span.numeric, epsilon)
     outer = [tapers.axis_band(axis, 0.0).largest_passed_frequency for axis in (0, 1)]
     y, x = (tapers.axis_band(axis, outer[1 - axis]) for axis in (0, 1))
     largest_y, largest_x = (max(map(abs, tangents)) for tangents in tapers.tangents)
@@ -169,15 +169,15 @@ def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
 
 
 class _TaperedAxes:
-    """Find, for each axis, the frequency band of the rays that reach the target.
+    """Find, for each axis, the frequency band of the rays that reach a span's target.
 
     tangents: the least and largest tangent of these rays along y and x.
     """
 
     def __init__(self, span: FreeSpaceSpan, epsilon: float) -> None:
         self._span, self._epsilon = span, epsilon
-        self._rays = PlaneWaveRays(span.numeric.wavelength, span.paraxial)
-        corners = span.numeric.target_corners
+        self._rays = PlaneWaveRays(span.wavelength, span.paraxial)
+        corners = span.target_corners
         self._near = min(abs(z) for _, _, z in corners)
         self.tangents = []
         for axis in (0, 1):
@@ -205,7 +205,7 @@ class _TaperedAxes:
         """Return the frequency band along an axis, within the field's own band."""
         span, (low, high) = self._span, self.tangents[axis]
         below, above = self.beyond_tangent(-low, across), self.beyond_tangent(high, across)
-        if span.numeric.distance < 0:
+        if span.distance < 0:
             below, above = above, below
         least, most = span.field_band(axis)
         if -below.end >= most or above.end <= least:

@@ -114,7 +114,9 @@ class SpectralPropagator(Propagator):
         """
         n = self._numeric_span
         lost = min(Share.BAND * n.sampling_tol, _LARGEST_ERROR)
-        return target_band(replace(n, paraxial=self.paraxial), lost)
+        return target_band(
+            n if n.paraxial == self.paraxial else replace(n, paraxial=self.paraxial), lost
+        )
 
     def _candidate_pitches(self) -> list[tuple[float, float]]:
         """Return the pitches (y, x) in metres for which a plan is tried.

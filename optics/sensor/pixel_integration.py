@@ -9,8 +9,8 @@ from fractions import Fraction
 import torch
 
 from optics.accuracy import Budget, MachineSpeed, require_memory, require_time
-from optics.fourier.fitted_interpolation import BandedMatrix
 from optics.fourier.differentiation import apply_linear_map
+from optics.fourier.fitted_interpolation import BandedMatrix
 from optics.plane import Plane
 from optics.sensor.pixel_weights import (
     FIT_SECONDS,
