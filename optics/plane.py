@@ -29,7 +29,8 @@ class Plane:
     centre: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not all(_is_whole(n) for n in self.shape) or len(self.shape) != 2:
+        whole = [isinstance(n, (int, np.integer)) and not isinstance(n, bool) for n in self.shape]
+        if not all(whole) or len(whole) != 2:
             raise TypeError(f"shape {self.shape} must be two whole numbers, (rows, columns)")
         if not max(self.shape) < _LONGEST:
             raise ValueError(
@@ -63,10 +64,6 @@ class Plane:
             (self.pitch[0] / factor, self.pitch[1] / factor),
             self.centre,
         )
-
-
-def _is_whole(count: object) -> bool:
-    return isinstance(count, (int, np.integer)) and not isinstance(count, bool)
 
 
 @dataclass(frozen=True, eq=False)

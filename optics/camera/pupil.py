@@ -41,18 +41,16 @@ _SLOPE_MARGIN = 1.1
 def pupil_amplitude(camera: Camera) -> torch.Tensor:
     """Compute each panel pixel's share inside the stop, (rows, columns), float64.
 
-    Edge pixels get the share of their covered area; with a jagged edge the error would be four
-    times as large. The tensor is cached, so don't write into it. It is differentiable twice in the
-    stop's diameter.
+    With a jagged edge instead, the error would be four times as large. The tensor is cached, so
+    don't write into it. It is differentiable twice in the stop's diameter.
     """
     return _open_shares(camera.lens.stop, camera.lens.stop_diameter / 2, camera.panel.plane)
 
 
 def open_area(camera: Camera) -> Scalar:
-    """Compute the area that panel and stop leave open, in square metres.
+    """Compute the area in m² that panel and stop leave open, as if they stood in one plane.
 
-    Both are treated as if they stood in one plane. It is a number, or a tensor that is
-    differentiable twice in the stop's diameter if that is one.
+    It is a number, or a tensor that is differentiable twice in the stop's diameter if that is one.
     """
     lens, whole = camera.lens, _panel_as_one_cell(camera.panel)
     share = _open_shares(lens.stop, lens.stop_diameter / 2, whole)[0, 0]
@@ -146,8 +144,7 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
     """Estimate how far the lens' wave is from scalar diffraction by an ideal lens.
 
     The parabola of a thin lens differs from the sphere by r⁴/8z³ of path. Both kinds of lens leave
-    out the obliquity of the steepest rays.
-    radius: metres from the axis to the farthest light.
+    out the obliquity of the steepest rays. radius: metres from the axis to the farthest light.
     """
     z = lens.image_distance
     sine = radius / z
@@ -191,10 +188,7 @@ def object_to_lens_distance(camera: Camera, distance: Scalar) -> Scalar:
 
 
 def vergence_error(lens: Lens, distance: Scalar) -> Scalar:
-    """Compute 1/d + 1/z - 1/f for an object at the distance d, in dioptres.
-
-    It is zero for an object in focus.
-    """
+    """Compute 1/d + 1/z - 1/f in dioptres for an object at the distance d; zero in focus."""
     return 1 / distance - 1 / lens.focus_distance
 
 
@@ -204,9 +198,7 @@ def defocus_curvature(lens: Lens, distance: Scalar, wavelength: Scalar) -> Scala
 
 
 def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor:
-    """Compute the optical path of defocus in metres, at points in the pupil.
-
-    r2: squared distance of the points from the axis, square metres.
+    """Compute the optical path of defocus in metres, r2 square metres from the axis in the pupil.
 
     The path is the sum of the object's spherical wave, the lens, and the wave that converges on the
     sensor. It is quadratic for a thin lens (thesis Eq. 2.14), and a difference of two spheres for a
@@ -227,7 +219,6 @@ def pupil_phase(
 ) -> torch.Tensor:
     """Compute the phase of a point's light in the stop in radians (thesis Eq. 3.2), float64.
 
-    It is the sum of defocus and aberrations.
     y, x: in units of the stop's radius; they broadcast.
     """
     r2 = (y**2 + x**2) * (lens.stop_diameter / 2) ** 2
@@ -242,10 +233,8 @@ def phase_slope_bound(
 ) -> PhaseSlopeBound:
     """Bound how fast the phase in the stop changes, for the choice of quadrature nodes.
 
+    The bound is analytic for pure defocus, and else found from samples along rays and circles.
     tilt: the slope that belongs to the farthest image sample.
-
-    The bound is analytic for pure defocus. With aberrations it is found from samples along rays and
-    circles.
     """
     radius = lens.stop_diameter / 2
     if not lens.aberrations:
@@ -320,8 +309,7 @@ def numeric_camera(camera: Camera) -> Camera:
 def panel_to_focus_distance(camera: Camera) -> float:
     """Return the distance from the panel to the plane in focus, in metres.
 
-    Raises ValueError for a panel in that plane or beyond it: the lens then images the panel's
-    pixels, and the light of an object in focus doesn't reach the panel as a spreading wave.
+    Raises ValueError for a panel in that plane or beyond it, whose pixels the lens would image.
     """
     distance = camera.lens.focus_distance - camera.separation
     if not distance > 0:

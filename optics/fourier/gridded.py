@@ -170,6 +170,4 @@ class GriddedTransform(SeparableTransform):
         operations = columns * fft_operations(down) + rows * fft_operations(along)
         touched = down * columns + along * rows
         seconds = spread * speed.gridding + operations * speed.fft + 2 * touched * speed.touch
-        return (
-            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
-        )
+        return speed.call + seconds * speed.slowdown(self.dtype) + self.allocation_seconds(speed)

@@ -181,9 +181,7 @@ class ChirpTransform(SeparableTransform):
         operations = 2 * columns * fft_operations(down) + 2 * rows * fft_operations(along)
         touched = 3 * (columns * down + rows * along)
         seconds = operations * speed.fft + touched * speed.touch
-        return (
-            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
-        )
+        return speed.call + seconds * speed.slowdown(self.dtype) + self.allocation_seconds(speed)
 
 
 def commensurate_length(geometry: FourierGeometry, axis: int) -> int:
@@ -293,4 +291,4 @@ class CommensurateTransform(SeparableTransform):
             for samples in made:
                 new += max(self.dtype.itemsize * count * samples - RETAINED_BYTES, 0)
         seconds = operations * speed.fft + touched * speed.touch
-        return speed.call + seconds * self.precision_slowdown(speed) + new * speed.fresh
+        return speed.call + seconds * speed.slowdown(self.dtype) + new * speed.fresh

@@ -74,7 +74,7 @@ class MatrixTransform(PlaneTransform):
         """Predict the processor seconds of one call at a machine's speed."""
         touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
         products = 4 * self._products * speed.multiply_add + touched * speed.touch
-        seconds = products * self.precision_slowdown(speed) + self.allocation_seconds(speed)
+        seconds = products * speed.slowdown(self.dtype) + self.allocation_seconds(speed)
         return speed.call + seconds
 
     def planning_seconds(self, speed: MachineSpeed) -> float:

@@ -101,7 +101,7 @@ class ChirpedTransform:
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         (ny, nx), (my, mx) = self._source.shape, self._target.shape
         samples = ny * nx + my * mx
-        passes = 3 * samples * speed.touch * self._transform.precision_slowdown(speed)
+        passes = 3 * samples * speed.touch * speed.slowdown(self._dtype)
         # Every pass allocates memory of its own.
         passes += 2 * max(samples * self._dtype.itemsize - RETAINED_BYTES, 0) * speed.fresh
         return self._terms * (self._transform.cpu_seconds(speed) + passes)

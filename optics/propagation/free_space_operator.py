@@ -31,7 +31,6 @@ from optics.propagation.smooth_field import (
     field_power,
     normalise_strength,
     power_shares,
-    require_finite_power,
 )
 from optics.propagation.span import FreeSpaceSpan, Scalar, SpanSettings
 from optics.propagation.transfer_function import paraxial_phase_error
@@ -321,7 +320,7 @@ class FreeSpace:
             require_unchanged_attributes(
                 lengths, self.span.numeric, replace(self.span).numeric, "FreeSpace"
             )
-        return normalise_strength(field, require_finite_power("field", field))
+        return normalise_strength(field)
 
     def _in_chunks(
         self,

@@ -273,7 +273,7 @@ class FresnelMatrices(ParaxialPropagator):
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         touched = math.prod(self.span.target.shape)
         seconds = 4 * self._products * speed.multiply_add + touched * speed.touch
-        seconds *= self._slowness(speed)
+        seconds *= speed.slowdown(self.dtype)
         if self.span.differentiable:
             seconds += self._elements * _ELEMENT_TOUCHES * speed.touch
         return speed.call + seconds

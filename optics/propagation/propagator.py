@@ -11,7 +11,6 @@ from optics.accuracy import (
     FLOAT64_ARITHMETIC,
     CandidateMethod,
     ErrorEstimate,
-    MachineSpeed,
     unreachable_tolerance_error,
 )
 from optics.propagation.span import FreeSpaceSpan
@@ -142,10 +141,6 @@ class Propagator(CandidateMethod):
         self.error, tol = ErrorEstimate(error, "bound"), self.span.tol
         if not error + self.arithmetic <= tol:
             raise unreachable_tolerance_error(tol, (self.arithmetic + model) / (1 - share))
-
-    def _slowness(self, speed: MachineSpeed) -> float:
-        """Return the time of an operation in this dtype over that in complex64."""
-        return speed.double if self.dtype == torch.complex128 else 1.0
 
     @property
     def precision(self) -> str:

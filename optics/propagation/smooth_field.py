@@ -35,40 +35,28 @@ def field_power(field: torch.Tensor) -> torch.Tensor:
     return sum_squared_modulus(field.to(torch.complex128))
 
 
-def require_finite_power(name: str, field: torch.Tensor) -> torch.Tensor:
-    """Return the power of a field; raise ValueError for NaN or infinite values.
-
-    Any such value changes the sum, so the values are checked only where the sum is unusual.
-    """
-    light = field_power(field)
-    if not _suits_single_precision(light):
-        require_finite(name, field.detach())
-    return light
-
-
 def normalise_strength(
-    field: torch.Tensor, light: torch.Tensor
+    field: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
     """Rescale fields for single precision; return them, their power, and the factor that undoes it.
 
-    light: field_power() of the field. If the power of every field suits single precision, nothing
-    is changed and the factor is None. Otherwise each field that isn't dark is divided by its
-    largest real or imaginary part.
+    If the power of every field suits single precision, nothing is changed and the factor is None.
+    Otherwise each field that isn't dark is divided by its largest real or imaginary part. Raises
+    ValueError for NaN or infinite values. Any such value changes the power, so the values are
+    checked only where that is unusual.
     """
+    light = field_power(field)
     if _suits_single_precision(light):
         return field, light, None
-    parts = torch.view_as_real(field.detach().resolve_conj()).abs()
-    peak = parts.amax(dim=(-3, -2, -1))
+    require_finite("field", field.detach())
+    peak = torch.view_as_real(field.detach().resolve_conj()).abs().amax(dim=(-3, -2, -1))
     peak = torch.where(peak > 0, peak, 1.0)[..., None, None]
     even = field / peak
     return even, field_power(even), peak
 
 
 def power_shares(part: torch.Tensor, light: torch.Tensor) -> list[float]:
-    """Return the ratio part / light for each field that isn't dark.
-
-    The result is a list, because that is faster than a tensor for a few numbers.
-    """
+    """Return the ratio part / light for each field that isn't dark, as a list, which is faster."""
     pairs = zip(part.flatten().tolist(), light.flatten().tolist(), strict=True)
     return [some / whole for some, whole in pairs if whole > 0]
 
@@ -109,10 +97,8 @@ class SmoothFieldCheck:
     def checked_spectrum(
         self, field: torch.Tensor, light: torch.Tensor
     ) -> tuple[torch.Tensor, float]:
-        """Check a field, and return its spectrum at the frequencies in its band along x.
-
-        Returns the largest share of light beyond the band and the source's edges as well, of all
-        fields.
+        """Check fields; return their spectra in the band along x, and the largest share of light
+        beyond the band and the source's edges.
 
         field: (..., rows, columns), rescaled for single precision. light: the sum of |u|² of each.
         Raises ValueError for a field with light beyond its band or at the source's edges.
@@ -141,9 +127,10 @@ class SmoothFieldCheck:
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor time of checking a field, in seconds."""
         rows, columns = self._span.source.shape
-        double = speed.double if self._dtype == torch.complex128 else 1.0
         operations = rows * fft_operations(columns) + columns * fft_operations(rows)
-        return (operations * speed.fft + 6 * rows * columns * speed.touch) * double
+        return (operations * speed.fft + 6 * rows * columns * speed.touch) * speed.slowdown(
+            self._dtype
+        )
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the time of what the first check of a field keeps, in seconds."""
@@ -168,10 +155,9 @@ class SmoothFieldCheck:
         return spectrum, beyond
 
     def paraxial_field_error(self, spectrum: torch.Tensor) -> float:
-        """Return the relative L2 error that Fresnel's transfer function makes for smooth fields.
+        """Return the largest relative L2 error that Fresnel's transfer function makes for fields.
 
-        spectrum: spectra of the fields, from checked_spectrum(). The result is the largest error of
-        all fields; that of a dark field is 0.
+        spectrum: of the fields, from checked_spectrum(). The error of a dark field is 0.
         """
         off = self._paraxial_deviation.to(spectrum.device)
         power = spectrum.real**2 + spectrum.imag**2

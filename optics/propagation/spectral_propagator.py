@@ -241,7 +241,7 @@ class SpectralPropagator(Propagator):
     def _filter_seconds(self, speed: MachineSpeed) -> float:
         rows, columns = self.frequencies.shape
         making = _TOUCHES_PER_FREQUENCY if self._rebuilds_filter else 0
-        touches = 3 * self._slowness(speed) + making
+        touches = 3 * speed.slowdown(self.dtype) + making
         first = self._parts[0].frequencies if self._parts else self.frequencies
         taken = max(len(self._parts), 1) * max(self._filter_bytes(first) - RETAINED_BYTES, 0)
         return touches * rows * columns * speed.touch + taken * speed.fresh

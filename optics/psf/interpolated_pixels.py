@@ -237,9 +237,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         products = 4 * columns * (y.kept_count * x.span(width) + rows * y.span(width))
         passes = 6 * y.given_count * x.given_count + 8 * (y.kept_count * columns + rows * columns)
         seconds = operations * speed.fft + products * speed.multiply_add + passes * speed.touch
-        return (
-            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
-        )
+        return speed.call + seconds * speed.slowdown(self.dtype) + self.allocation_seconds(speed)
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of fitting the weights."""

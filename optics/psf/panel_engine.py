@@ -746,4 +746,4 @@ class _PanelMethod(CandidateMethod):
         return self.cpu_seconds(speed)
 
     def _slowdown(self, speed: MachineSpeed) -> float:
-        return self.transform.precision_slowdown(speed)
+        return speed.slowdown(self.transform.dtype)
