@@ -34,20 +34,19 @@ SmoothFactor = Callable[[NDArray[np.float64]], NDArray[np.complex128]]
 class FittedInterpolation:
     """Interpolates a spectrum along one axis, from an FFT's grid to samples at any frequency.
 
-    The input has `count` samples at the places t = -(count - 1) / 2 to (count - 1) / 2, and its
-    spectrum is known at the frequencies v / length for whole v. At a sample's frequency, q /
-    length, the result is
+    The input has `count` samples at the places t = -(count - 1) / 2 to (count - 1) / 2. For a
+    sample at the frequency q / length, the result is
 
         sum over t of f(t) g(t) exp(-2 pi i q t / length),
 
     with a smooth factor g that may differ from sample to sample. If the input is first multiplied
-    by `scaling`, a few grid points around q suffice. Their weights are fitted by least squares, so
-    that their scaled exponentials make up that of the sample times g over all t (J. A. Fessler and
-    B. P. Sutton, IEEE Trans. Signal Process. 51, 560, 2003, doi 10.1109/TSP.2002.807005, sections
-    II and III). The scaling is the inverse of a Kaiser-Bessel kernel's spectrum.
+    by `scaling`, the inverse of a Kaiser-Bessel kernel's spectrum, a few grid points around q
+    suffice. Their weights are fitted by least squares, so that their scaled exponentials make up
+    that of the sample times g over all t (J. A. Fessler and B. P. Sutton, IEEE Trans. Signal
+    Process. 51, 560, 2003, doi 10.1109/TSP.2002.807005, sections II and III).
 
     count: number of input samples.
-    length: of the FFT, more than `count`.
+    length: of the FFT, more than `count`; it gives the spectrum at v / length for whole v.
     frequencies: of the samples, (samples,), cycles per input sample, ascending.
     tol: relative L2 error that is allowed, in the mean over t.
     factor: returns g at places t / (count / 2), complex, (samples, places). One by default.
@@ -114,10 +113,8 @@ class FittedInterpolation:
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
         """Return what the weights shall make up, of what, and the weights of a mean over t.
 
-        The first is (samples, places), relative to the exponential of the sample's first grid
-        point. The second holds the scaled exponentials of its grid points, (places, width),
-        relative to the first one.
-        count: number of the places.
+        The first is (samples, places), the second holds the scaled exponentials of a sample's grid
+        points, (places, width); both are relative to that of the first grid point.
         """
         places, weights = gauss_legendre(count)
         turns = places * (self._count / self._length / 2)
@@ -133,8 +130,6 @@ class FittedInterpolation:
         """Return the matrix from the spectrum on `grid` to the samples, (samples, grid points).
 
         The spectrum's phases count from the first sample of the input, as an FFT's do.
-
-        dtype: complex64 or complex128.
         phases: by which the samples are multiplied afterwards, (samples,).
         """
         grid = self._bases[:, None] + np.arange(self._weights.shape[1])
@@ -147,10 +142,10 @@ class FittedInterpolation:
     def matrix_of_mirrored_input(
         self, dtype: torch.dtype, phases: NDArray[np.complex128] | None = None
     ) -> BandedMatrix:
-        """Return the matrix from the spectrum of mirrored input to the samples.
+        """Return the matrix from the spectrum of mirrored input to the samples, as `matrix` does.
 
-        Parameters are those of `matrix`. The spectrum is even, and known at the grid points from
-        zero on. Its phases count from the middle of the input.
+        The spectrum is even, and known at the grid points from zero on. Its phases count from the
+        middle of the input.
         """
         weights = self._weights if phases is None else self._weights * phases[:, None]
         entries = torch.from_numpy(weights).to(dtype)
@@ -178,8 +173,8 @@ class BandedMatrix:
     first: column of the first entry of each row, (rows,), int64, ascending. Entries outside the
         matrix must be zero, or belong to a mirrored one.
     columns: of the matrix.
-    mirrored: whether an entry of a negative column stands in the column of the opposite number: the
-        lines that are multiplied are even in their number.
+    mirrored: whether an entry of a negative column stands in the column of the opposite number, as
+        the lines that are multiplied are even.
     """
 
     STEPS_PER_ROW = 2.0
@@ -215,10 +210,7 @@ class BandedMatrix:
     def _block(
         self, start: int, entries: NDArray[Any], first: NDArray[np.int64], device: torch.device
     ) -> tuple[slice, slice, torch.Tensor]:
-        """Return the dense block of the rows from `start` on, with its rows and columns.
-
-        entries, first: of its rows.
-        """
+        """Return the dense block of the rows from `start` on, whose entries are given."""
         columns = first[:, None] + np.arange(entries.shape[1])
         if self._mirrored:
             columns = np.abs(columns)

@@ -51,10 +51,7 @@ class SeparableTransform(PlaneTransform):
 
     @cached_property
     def _pupil_phases(self) -> tuple[torch.Tensor | None, ...]:
-        """Phases over the pupil along y and x for an off-centre image.
-
-        They are computed at the first call, since many transforms are only asked for their cost.
-        """
+        """Phases over the pupil along y and x for an off-centre image, made at the first call."""
         return tuple(self.geometry.pupil_tilt(axis, self.dtype) for axis in (0, 1))
 
     @cached_property

@@ -42,9 +42,8 @@ class BandLimitedAngularSpectrum(SpectralPropagator):
     """Use the band-limited angular spectrum between planes of one pitch.
 
     Matsushima and Shimobaba (2009, 10.1364/OE.17.019662) cut the spectrum where the transfer
-    function is sampled too coarsely. Here the cut follows from the target, and the period from the
-    cut, so that the error is bounded (optics.propagation.band). FFTs are padded to the period, and
-    only frequencies whose rays reach the target are kept.
+    function is sampled too coarsely. Here the cut follows from the target, and the period, to which
+    FFTs are padded, from the cut, so that the error is bounded (optics.propagation.band).
 
     Raises ValueError for planes of two pitches, and ToleranceError if some rays are grazing.
     """

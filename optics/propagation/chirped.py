@@ -29,10 +29,9 @@ _PLANNING_CALLS = 14
 
 @dataclass(frozen=True)
 class CellSampling:
-    """Cells of constant field on the source, and the nodes at which their envelope is exact.
+    """Cells of constant field on the source, of `sides` (y, x) in metres.
 
-    sides: metres (y, x).
-    nodes: numbers (y, x) of nodes on the source; between them the envelope is interpolated.
+    nodes: numbers (y, x) of nodes on the source, between which their envelope is interpolated.
     """
 
     sides: tuple[float, float]

@@ -178,8 +178,7 @@ class FreeSpace:
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor time of a call by the first plan at a machine's speed, in seconds.
 
-        After a call with a dim target, `account.cpu_predicted` includes the time of the tighter
-        plans as well.
+        For a dim target, `account.cpu_predicted` includes the time of the tighter plans as well.
         """
         return self._call_seconds(self._propagator, speed)
 
@@ -193,7 +192,7 @@ class FreeSpace:
     def _first_plan(self) -> Propagator:
         """Plan with a margin for a target that a small share of the light reaches.
 
-        The margin is dropped if no method keeps it, or if a plan without it is much cheaper.
+        It is dropped if no method keeps it, or if a plan without it is much cheaper.
         """
         tol = self.span.tol
         dim = _FIRST_PLAN_TOL_SHARE * tol
@@ -341,8 +340,7 @@ class FreeSpace:
     def _tighter_plan(self, last: Propagator, share: float) -> Propagator:
         """Return a plan that keeps the tolerance on a dim target.
 
-        last: the plan by which the light on the target was found. share: its share of the source's
-        light.
+        last: the plan that found the target's light, a share of the source's.
         """
         tight = self._tight_propagator
         if tight is not None and sum(_errors_on_target(tight, share)) <= self.span.tol:
@@ -363,9 +361,8 @@ class FreeSpace:
     ) -> ToleranceError:
         """Return a ToleranceError for a dim target that names the least tolerance.
 
-        The least tolerance that can be kept follows from the floor of all plans, or from the
-        tolerance that the last plan kept. It isn't known where the result is no larger than the
-        plan's error.
+        That follows from the floor of all plans, or from the tolerance that the last plan kept. It
+        isn't known where the result is no larger than the plan's error.
         """
         planned = last.span.tol if why.floor is None else why.floor
         found = math.sqrt(share) > 2 * (last.error.value + last.arithmetic)
@@ -402,7 +399,7 @@ def _errors_on_target(propagator: Propagator, share: float) -> tuple[float, floa
 def _spread(propagator: Propagator, share: float) -> float:
     """Return how much larger a field's noise is on the target than in all its light.
 
-    The noise spreads as rounding errors do. share: the share of the light on the target.
+    It spreads as rounding errors do. share: the share of the light on the target.
     """
     return max(math.sqrt(propagator.rounding_share / min(share, 1.0)), 1.0)
 

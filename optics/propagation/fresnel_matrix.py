@@ -120,8 +120,8 @@ def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> tor
 def cell_kernel(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
     """Return the paraxial field along one axis of a cell of amplitude 1.
 
-    It is the integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2. The
-    field of a rectangle is the product of two such kernels, one along each axis.
+    It is the integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2; the
+    field of a rectangle is the product of two.
     """
     return side * point_kernel(offset, scale) * cell_envelope(offset, side, scale)
 
@@ -164,9 +164,8 @@ class FresnelMatrices(ParaxialPropagator):
 
         target = rows · source · columns^T.
 
-    The elements of the matrices are Fresnel integrals in closed form, over a cell or over a smooth
-    field's band (optics.propagation.fresnel_matrix). There is no sampling error, however close
-    the planes are.
+    The elements are Fresnel integrals in closed form, over a cell or over a smooth field's band.
+    There is no sampling error, however close the planes are.
     """
 
     name = "Fresnel matrices"

@@ -90,8 +90,8 @@ def plan_cell_sampling(
 ) -> tuple[CellSampling, float]:
     """Return the envelope nodes for cells, and the resulting error.
 
-    scale: wavelength times distance of the transform, square metres. error: the error allowed.
-    Raises ToleranceError if the chirp varies too fast across the outermost cells.
+    scale: of the transform, square metres. error: the error allowed. Raises ToleranceError if the
+    chirp varies too fast across the outermost cells.
     """
     n = span.numeric
     assert n.cells is not None
@@ -122,12 +122,11 @@ Near targets need a plane beyond the target or behind the source, where the chir
 
 @dataclass(frozen=True)
 class IntermediateAxis:
-    """The samples of the intermediate plane along one axis, and the tapers at its ends.
+    """The samples of the intermediate plane along one axis, in metres.
 
-    low, high: first and last position in metres.
-    pitch: largest distance between samples in metres.
-    below, above: (centre, sigma) in metres of the smooth steps at either end; None where the field
-        has died away without a taper.
+    low, high: first and last position. pitch: largest distance between samples.
+    below, above: (centre, sigma) of the smooth steps at either end; None where the field has died
+        away without a taper.
     """
 
     low: float

@@ -14,12 +14,11 @@ Interval = tuple[float, float]
 
 
 def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float]:
-    """Return two widths of a smooth step in a field's spectrum, cycles per metre.
+    """Return how far a smooth step in a field's spectrum reaches, in cycles per metre.
 
-    The first is the distance from the step's centre to its end, the second to where it passes no
-    light. kappa: dX/df, square metres. room: cycles per metre between the step's centre and the
-    frequency by which it must end. epsilon: the share of the light that counts as zero. Both widths
-    are infinite if `room` isn't positive.
+    The first width goes from the step's centre to its end, the second to where it passes no light.
+    kappa: dX/df, square metres. room: from the centre to the frequency by which the step must end;
+    both widths are infinite if it isn't positive. epsilon: the share of light that counts as zero.
     """
     log = math.log(1 / epsilon)
     if not room > 0:
@@ -30,7 +29,7 @@ def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float
 
 
 def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: float) -> float:
-    """Return the margin beyond a band outside which rays carry no light of it, cycles per metre.
+    """Return the margin beyond a band outside which rays carry none of its light, cycles/m.
 
     pitch: metres; replicas of the band are 1 / pitch apart.
     """
@@ -67,8 +66,8 @@ def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
 def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: int) -> int:
     """Return the oversampling factor at which a smooth field may be summed over its samples.
 
-    The result is 0 if the factor would exceed `most`. Replicas at frequencies beyond 1 / wavelength
-    are evanescent, so they may also decay before the target.
+    It is 0 if the factor would exceed `most`. Replicas at frequencies beyond 1 / wavelength are
+    evanescent, so they may also decay before the target.
     """
     n = span.numeric
     band, reach = span.field_band(axis), target_ray_frequencies(span, axis)
@@ -99,10 +98,9 @@ def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: in
 
 
 def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
-    """Return the error of the paraxial model for frequencies up to `frequency`, cycles/m.
+    """Return the error of the paraxial model up to a frequency in cycles/m; 0 if it is declared.
 
-    The error is 0 for a span whose declared model is paraxial. Raises ToleranceError where the
-    paraxial phase error of a scalar wave exceeds its share of the tolerance.
+    Raises ToleranceError where the phase error exceeds its share of the tolerance.
     """
     n = span.numeric
     if n.paraxial:

@@ -57,9 +57,9 @@ def working_precision(
 ) -> tuple[torch.dtype, float]:
     """Return the dtype of a field, and its relative L2 error from rounding.
 
-    turns: the largest phase in turns; computed in float64, its error is `phase_rounding(turns)`.
-    share: the share of the tolerance that sampling may use. double: whether complex64 is excluded.
-    Raises ToleranceError if neither precision keeps the tolerance.
+    turns: the largest phase in turns, computed in float64. share: the share of the tolerance that
+    sampling may use. double: whether complex64 is excluded. Raises ToleranceError if neither
+    precision keeps the tolerance.
     """
     phase, most = phase_rounding(turns), min(Share.SINGLE_PRECISION, 1 - share)
     if not double and most * tol > FIELD32_ARITHMETIC:
@@ -134,9 +134,8 @@ class Propagator(CandidateMethod):
     def _set_error_bound(self, error: float, share: float, model: float) -> None:
         """Set the bound of the error, or raise ToleranceError if it exceeds the tolerance.
 
-        The exception names the least tolerance that can be kept. share: the share of any tolerance
-        that sampling may use. model: the error of the paraxial model, which doesn't decrease with
-        the tolerance.
+        share: the share of any tolerance that sampling may use. model: the error of the paraxial
+        model, which doesn't decrease with the tolerance.
         """
         self.error, tol = ErrorEstimate(error, "bound"), self.span.tol
         if not error + self.arithmetic <= tol:

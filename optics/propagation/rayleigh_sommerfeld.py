@@ -53,12 +53,11 @@ def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int)
 
 
 def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
-    """Upsample a field by `factor` along its last axis.
+    """Upsample a field by `factor` along its last axis, by padding its spectrum with zeros.
 
-    The field's spectrum is padded with zeros. The first of each group of `factor` samples coincides
-    with a sample of the field. carrier: turns from sample to sample, at the middle of the spectrum.
-    The result is exact for a field that is dark at its ends; otherwise the field is continued
-    periodically.
+    The first of each group of `factor` samples coincides with one of the field's. carrier: turns
+    from sample to sample, at the middle of the spectrum. The result is exact for a field that is
+    dark at its ends; otherwise the field is continued periodically.
     """
     if factor == 1:
         return field
@@ -138,13 +137,12 @@ def impulse_response(
 class DirectQuadrature(Propagator):
     """Sum the spherical waves of all source points at every target sample.
 
-    The method is the reference for all other methods. A cell is summed over Gauss-Legendre nodes.
-    A smooth field is summed over its samples. That is exact where no replica of its spectrum has a
-    ray to the target, which requires carrier + band + the steepest ray's frequency to be below
-    1 / pitch by a margin (optics.propagation.paraxial). At shorter distances, the field is
-    interpolated to finer samples by zero-padded FFTs. The method supports both models and tilted
-    targets. Memory is bounded: the kernel is computed in tiles, which aren't kept, and is computed
-    again for derivatives. The time is proportional to the number of pairs of points.
+    The method is the reference for all others, of both models and onto tilted targets. A cell is
+    summed over Gauss-Legendre nodes. A smooth field is summed over its samples. That is exact where
+    no replica of its spectrum has a ray to the target, which requires carrier + band + the steepest
+    ray's frequency to be below 1 / pitch by a margin (optics.propagation.paraxial). At shorter
+    distances, the field is interpolated to finer samples by zero-padded FFTs. Memory is bounded:
+    the kernel is computed in tiles, which aren't kept, and is computed again for derivatives.
     """
 
     name = "direct quadrature"
@@ -319,8 +317,7 @@ class DirectQuadrature(Propagator):
 def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:
     """Split the target's samples and the source's rows into tiles.
 
-    The first list contains the slices of the result's plane, the second those of the plane that is
-    summed over.
+    The slices of the result's plane come first, then those of the plane that is summed over.
     """
     some = min(max(_TILE_SOURCE_POINTS // lines, 1), rows)
     many = max(_TILE_PAIRS // (some * lines), 1)

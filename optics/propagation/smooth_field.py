@@ -167,10 +167,7 @@ class SmoothFieldCheck:
 
     @cached_property
     def _paraxial_deviation(self) -> torch.Tensor:
-        """The ``|H - H'|²`` of free space's exact and Fresnel's transfer functions.
-
-        The frequencies are those that `_spectrum` keeps.
-        """
+        """The ``|H - H'|²`` of exact and Fresnel's transfer functions at the kept frequencies."""
         n = self._span.numeric
         # The FFT's frequencies as aliases nearest the carrier, cycles/m.
         y, x = (
@@ -203,9 +200,9 @@ def _format_pair(pair: tuple[float, float]) -> str:
 def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
     """Return the light beyond the band from a field's jumps at the source's edges.
 
-    The spectrum of a sampled jump is 1 / (2 sin(pi f p)). The integral of its square from the band
-    B to the Nyquist rate is cot(pi B p) / (2 pi) per sample. Another 1 / (2 pi) per sample is added
-    for light beyond the window.
+    The spectrum of a sampled jump is 1 / (2 sin(pi f p)); its square from the band B to the Nyquist
+    rate has the integral cot(pi B p) / (2 pi) per sample. Another 1 / (2 pi) is added for light
+    beyond the window.
     """
     rows, columns = field.shape[-2:]
     y, x = (
