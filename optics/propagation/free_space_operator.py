@@ -270,7 +270,9 @@ class FreeSpace:
         propagator, seconds, tol = self._propagator, 0.0, self.span.tol
         y, x = self.span.target.pitch
         while True:
-            answer = self._in_chunks(propagator, propagator.forward, field)
+            # As many fields at a time as the memory holds.
+            together = max(self.span.budget.memory // propagator.bytes, 1)
+            answer = _apply_in_chunks(propagator.forward, field, together)
             # On a dark target the first share consists of rounding errors, so the loop goes on
             # until the error of a plan suits the share that it finds.
             found = power_shares(field_power(answer) * (y * x), light)
@@ -300,7 +302,8 @@ class FreeSpace:
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """Apply the conjugate transpose, from target to source samples."""
         field, _, peak = self._checked_field(field, self.span.target)
-        answer = self._in_chunks(self._propagator, self._propagator.adjoint, field)
+        together = max(self.span.budget.memory // self._propagator.bytes, 1)
+        answer = _apply_in_chunks(self._propagator.adjoint, field, together)
         return answer if peak is None else answer * peak
 
     def _checked_field(
@@ -320,22 +323,6 @@ class FreeSpace:
                 lengths, self.span.numeric, replace(self.span).numeric, "FreeSpace"
             )
         return normalise_strength(field)
-
-    def _in_chunks(
-        self,
-        propagator: Propagator,
-        function: Callable[[torch.Tensor], torch.Tensor],
-        field: torch.Tensor,
-    ) -> torch.Tensor:
-        """Apply a function to a batch of fields, as many at a time as the memory holds."""
-        together = max(self.span.budget.memory // propagator.bytes, 1)
-        batch = field.shape[:-2]
-        if math.prod(batch) <= together:
-            return function(field).resolve_conj()
-        flat = field.reshape(-1, *field.shape[-2:])
-        parts = [function(part) for part in torch.split(flat, together)]
-        done = torch.cat(parts).resolve_conj()
-        return done.reshape(*batch, *done.shape[-2:])
 
     def _tighter_plan(self, last: Propagator, share: float) -> Propagator:
         """Return a plan that keeps the tolerance on a dim target.
@@ -385,6 +372,18 @@ class FreeSpace:
         )
 
 
+def _apply_in_chunks(
+    function: Callable[[torch.Tensor], torch.Tensor], field: torch.Tensor, together: int
+) -> torch.Tensor:
+    """Apply a function to a batch of fields, `together` at a time."""
+    batch = field.shape[:-2]
+    if math.prod(batch) <= together:
+        return function(field).resolve_conj()
+    flat = field.reshape(-1, *field.shape[-2:])
+    done = torch.cat([function(part) for part in torch.split(flat, together)]).resolve_conj()
+    return done.reshape(*batch, *done.shape[-2:])
+
+
 def _errors_on_target(propagator: Propagator, share: float) -> tuple[float, float]:
     """Return a plan's errors from sampling and from rounding, relative to the target's light.
 
@@ -427,9 +426,7 @@ def propagate(
     budget: Budget | None = None,
     **settings: Unpack[SpanSettings],
 ) -> Result[torch.Tensor]:
-    """Propagate a field from one plane to another, and return it with its account.
-
-    The function plans a FreeSpace operator and calls it once.
+    """Plan a FreeSpace operator, call it once, and return the field with its account.
 
     Parameters
     ----------

@@ -287,25 +287,22 @@ class DirectQuadrature(Propagator):
                 targets, rows = (here, there) if adjoint else (there, here)
                 geometry = [*(p[targets] for p in target), source_y[rows], source_x, *lengths]
                 used = targets if adjoint else slice(rows.start * lines, rows.stop * lines)
-                part = self._tile(values[used], adjoint, *geometry)
+                tile = (values[used], adjoint, *geometry)
+                if torch.is_grad_enabled() and any(t.requires_grad for t in (tile[0], *geometry)):
+                    # Derivatives compute the tile again.
+                    part = checkpoint(self._product, *tile, use_reentrant=False)
+                else:
+                    part = self._product(*tile)
                 total = part if total is None else total + part
             assert total is not None
             sums.append(total)
         sent = torch.cat(sums)
         return sent.conj().resolve_conj() if self._sign < 0 else sent
 
-    def _tile(self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor) -> torch.Tensor:
-        """Multiply a tile of the kernel by its values; derivatives compute the tile again."""
-        if torch.is_grad_enabled() and any(t.requires_grad for t in (values, *geometry)):
-            part: torch.Tensor = checkpoint(
-                self._product, values, adjoint, *geometry, use_reentrant=False
-            )
-            return part
-        return self._product(values, adjoint, *geometry)
-
     def _product(
         self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor
     ) -> torch.Tensor:
+        """Multiply a tile of the kernel by its values."""
         y, x, depth, source_y, source_x, distance, wavelength = geometry
         across = (y[:, None] - source_y)[:, :, None] ** 2 + (x[:, None] - source_x)[:, None, :] ** 2
         kernel = impulse_response(

@@ -112,12 +112,21 @@ class SmoothFieldCheck:
                 "light stands there. Give a larger plane on which it does, or cells= if each "
                 "sample is a rectangle of constant field"
             )
-        spectrum, beyond = self._spectrum(field)
+        rows, columns = field.shape[-2:]
+        # Light outside the band along x needn't be transformed along y (Parseval's theorem).
+        lines = fft(field, columns, -1)
+        spectrum = fft(_take_runs(lines, self._within_x), rows, -2)
+        beyond = torch.zeros(field.shape[:-2], dtype=torch.float64, device=field.device)
+        for run in self._beyond_x:
+            beyond = beyond + sum_squared_modulus(lines[..., run]) / columns
+        for run in self._beyond_y:
+            beyond = beyond + sum_squared_modulus(spectrum[..., run, :]) / (rows * columns)
         outside = max(power_shares(beyond, light), default=0.0)
         if outside > allowed:
+            (fy, fx), (by, bx) = span.carrier, span.half_bandwidths
             raise ValueError(
                 f"field has a share of {outside:.2g} of its light outside carrier ± band "
-                f"({_format_pair(span.carrier)} ± {_format_pair(span.half_bandwidths)} cycles/m). "
+                f"(({fy:.4g}, {fx:.4g}) ± ({by:.4g}, {bx:.4g}) cycles/m). "
                 "Sample it finer, give the carrier= of its fringes, or cells= if each sample is a "
                 "rectangle of constant field"
             )
@@ -138,21 +147,6 @@ class SmoothFieldCheck:
             return 0.0
         columns = sum(run.stop - run.start for run in self._within_x)
         return _TOUCHES_PER_DEVIATION * self._span.source.shape[0] * columns * speed.touch
-
-    def _spectrum(self, field: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the spectrum of a field, and the sum of ``|u|²`` outside carrier ± band.
-
-        Light outside the band along x needn't be transformed along y (Parseval's theorem).
-        """
-        rows, columns = field.shape[-2:]
-        lines = fft(field, columns, -1)
-        spectrum = fft(_take_runs(lines, self._within_x), rows, -2)
-        beyond = torch.zeros(field.shape[:-2], dtype=torch.float64, device=field.device)
-        for run in self._beyond_x:
-            beyond = beyond + sum_squared_modulus(lines[..., run]) / columns
-        for run in self._beyond_y:
-            beyond = beyond + sum_squared_modulus(spectrum[..., run, :]) / (rows * columns)
-        return spectrum, beyond
 
     def paraxial_field_error(self, spectrum: torch.Tensor) -> float:
         """Return the largest relative L2 error that Fresnel's transfer function makes for fields.
@@ -191,10 +185,6 @@ def _true_runs(mask: torch.Tensor) -> list[slice]:
 def _take_runs(values: torch.Tensor, runs: list[slice]) -> torch.Tensor:
     """Return the values of a spectrum whose last index lies in one of the runs."""
     return torch.cat([values[..., run] for run in runs or [slice(0, 0)]], -1)
-
-
-def _format_pair(pair: tuple[float, float]) -> str:
-    return f"({pair[0]:.4g}, {pair[1]:.4g})"
 
 
 def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
