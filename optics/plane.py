@@ -68,10 +68,7 @@ class Plane:
 
 @dataclass(frozen=True, eq=False)
 class RectilinearGrid:
-    """Describe a grid of samples in rows and columns that needn't be evenly spaced.
-
-    y, x: metres, one-dimensional, float64.
-    """
+    """Samples in rows and columns that needn't be evenly spaced; y, x: metres, float64."""
 
     y: torch.Tensor
     x: torch.Tensor

@@ -304,18 +304,14 @@ class Lens:
 
     @property
     def image_distance(self) -> float:
-        """The distance in metres from the lens to the sensor.
-
-        It follows from the thin-lens equation at `focus_distance`.
-        """
+        """The distance in metres from lens to sensor, by the thin-lens equation."""
         return 1 / (1 / self.focal_length - 1 / self.focus_distance)
 
     @property
     def image_numerical_aperture(self) -> float:
-        """The numerical aperture on the image side, from the steepest ray behind the lens.
+        """The numerical aperture on the image side: the sine of the steepest ray's angle.
 
-        It is the sine of that ray's angle to the axis. For a thin lens it is the tangent, which is
-        the same to paraxial order.
+        For a thin lens it is the tangent, which is the same to paraxial order.
         """
         return 0.5 * self.stop_diameter / self.image_distance
 
@@ -451,10 +447,9 @@ class Camera:
     def ray_matrix_b(self) -> float:
         """The ray-matrix element B: metres on the sensor per unit slope at the panel.
 
-        It is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
-        5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It equals
-        the image distance if the panel stands at the lens. It is zero or negative if the panel
-        stands in the plane in focus or beyond it.
+        It is z1 + z2 - z1 z2 / f from panel to sensor (thesis Fig. 5.2), which with the thin-lens
+        equation is z2 (1 - z1 / focus_distance): the image distance for a panel at the lens, and
+        zero or negative for one in the plane in focus or beyond it.
         """
         lens = self.lens
         return lens.image_distance * (1 - self.separation / lens.focus_distance)
@@ -462,8 +457,7 @@ class Camera:
     def magnification(self, distance: float) -> float:
         """Compute the magnification, metres on the sensor per metre at an object.
 
-        The object is `distance` metres from the panel; for ``math.inf`` the magnification is 0. It
-        is the magnification along the chief ray, through the middle of the lens. The image is
-        inverted, but the number is positive.
+        It is that along the chief ray, for an object `distance` metres from the panel; 0 for
+        ``math.inf``. The image is inverted, but the number is positive.
         """
         return self.lens.image_distance / (distance + self.separation)

@@ -164,8 +164,8 @@ def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
 def cutoff_frequencies(optics: Camera | Lens, wavelength: float) -> tuple[float, float]:
     """Compute the optical cut-offs along y and x, in cycles per metre on the sensor.
 
-    A pixel that the stop cuts counts with its whole width, which reaches beyond the stop. Behind a
-    panel that stands apart from the lens the whole stop is lit.
+    A pixel that the stop cuts counts with its whole width. Behind a panel that stands apart from
+    the lens the whole stop is lit.
     """
     lens = optics if isinstance(optics, Lens) else optics.lens
     widths = (lens.stop_diameter, lens.stop_diameter)
@@ -324,13 +324,11 @@ def with_stop_shadow_on_panel(camera: Camera) -> Camera:
     """Return the camera with its stop on the panel, as large as its shadow there.
 
     Light of a point in focus, d metres before the panel, spreads by the factor 1 + separation / d
-    on its way to the stop. The light that passes therefore comes from an area on the panel that is
+    on its way to the stop, so that the light that passes comes from an area on the panel that is
     smaller by this factor. This is geometric optics; diffraction blurs the shadow's rim over
     sqrt(wavelength separation). The returned camera is valid for its panel, its stop and their open
     area, but not for lengths behind the lens. It is the given camera if panel and lens are in one
-    plane.
-
-    Raises ValueError under the same conditions as panel_to_focus_distance().
+    plane. Raises ValueError under the same conditions as panel_to_focus_distance().
     """
     if not camera.separation:
         return camera

@@ -123,8 +123,7 @@ def rectangle(height: float, width: float, centre: Point = (0.0, 0.0)) -> Polygo
 def regular_polygon(sides: int, radius: float = 1.0, turn: float = 0.0) -> Polygon:
     """Make the opening between straight blades: a regular polygon.
 
-    radius: of the circle through its corners, in stop radii.
-    turn: rotation in radians.
+    radius: of the circle through its corners, in stop radii. turn: rotation in radians.
     """
     if not 3 <= sides <= _MOST_CORNERS:
         raise ValueError(
@@ -152,10 +151,7 @@ class Segment:
         return np.full_like(t, y1 - y0), np.full_like(t, x1 - x0)
 
     def crossings(self, axis: int, level: Array) -> Array:
-        """Return the parameters t at which the piece crosses levels.
-
-        A level is a value of the coordinate `axis`, 0 for y and 1 for x.
-        """
+        """Return the parameters t at which the piece crosses levels of y (axis 0) or x (axis 1)."""
         low, high = self.start[axis], self.end[axis]
         if low == high:
             return np.empty(0)
@@ -206,10 +202,9 @@ class Loop:
 
     @property
     def area(self) -> float:
-        """The signed area inside, in square stop radii.
+        """The signed area inside, in square stop radii, by Green's theorem.
 
-        Green's theorem gives it as an integral along the loop. 24 nodes make it exact to rounding,
-        for arcs and segments.
+        24 nodes make it exact to rounding, for arcs and segments.
         """
         nodes, weights = gauss_legendre(24)
         t, total = (nodes + 1) / 2, 0.0
@@ -332,10 +327,7 @@ def _shoelace(corners: Sequence[Point]) -> float:
 
 
 def _cross(a: Point, b: Point, c: Point) -> float:
-    """Return the cross product of the vectors ab and ac.
-
-    It is positive for a turn from x towards y.
-    """
+    """Return the cross product of the vectors ab and ac, positive for a turn from x towards y."""
     return (b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])
 
 
@@ -352,9 +344,9 @@ def _crosses_itself(corners: Sequence[Point]) -> bool:
 
 
 def _on_both_sides(start: Array, end: Array, c: Array, d: Array) -> NDArray[np.bool_]:
-    """Tell whether c and d lie on different sides of the line through an edge.
+    """Tell whether c and d, points (..., 2), lie on different sides of the line through an edge.
 
-    The answer is no if either point lies on the line up to rounding. Points are (..., 2).
+    The answer is no if either lies on the line up to rounding.
     """
     (y, x), (height, width) = start.T, (end - start).T
     sides = [width * (at.T[0] - y) - height * (at.T[1] - x) for at in (c, d)]
@@ -421,9 +413,9 @@ def _circle_intersection(a: Circle, b: Circle) -> Loop | None:
 def _circle_polygon_intersection(circle: Circle, polygon: Polygon) -> Loop | None:
     """Return the boundary of the overlap of a circle and a polygon.
 
-    Edges inside the circle are kept. An edge outside is replaced by the arc that it hides, seen
-    from the circle's centre. Every edge or arc sweeps a signed area around the centre, so that the
-    sum is right for every simple polygon.
+    Edges inside the circle are kept, and one outside is replaced by the arc that it hides, seen
+    from the circle's centre. Each sweeps a signed area around the centre, so that the sum is right
+    for every simple polygon.
     """
     pieces: list[Piece] = []
     cy, cx = circle.centre

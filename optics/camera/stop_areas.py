@@ -95,9 +95,8 @@ def _integrate_along_piece(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array, Array]:
     """Divide a piece of a boundary at the grid's lines and integrate over each step.
 
-    Returns each step's row, its column, the integral of (x - left side of the cell) dy, the
-    integral of dy, and that of x dy - y dx. A step beyond the grid's right side has the column
-    after the last.
+    Returns each step's row and column, and the integrals of (x - left side of the cell) dy, of dy,
+    and of x dy - y dx. A step beyond the grid's right side has the column after the last.
     """
     count = [line.size - 1 for line in lines]
     cuts = [piece.crossings(axis, lines[axis]) for axis in (0, 1)]
@@ -190,9 +189,9 @@ def _arcs_inside_star(polygon: Polygon, r: float) -> list[Interval]:
 
 
 def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
-    """Tell whether a polygon contains one point, which has polar coordinates.
+    """Tell whether a polygon contains a point of polar coordinates.
 
-    `Polygon.contains` is slow for single points, and this function may be called a million times.
+    `Polygon.contains` is slow for single points, and this may be called a million times.
     """
     y, x = r * math.sin(angle), r * math.cos(angle)
     inside = False
@@ -243,10 +242,9 @@ def break_radii(stop: Stop) -> list[float]:
 
 
 def _critical_radii(shape: Shape) -> list[float]:
-    """Return the radii of a shape's corners, and of the points of its edges nearest the axis.
+    """Return the radii of a shape's corners, and where its edges are tangent to a circle.
 
-    At such a point, the edge is tangent to a circle around the axis. A circular shape has the radii
-    of its nearest and its farthest point.
+    These circles stand around the axis. A disc has the radii of its nearest and farthest point.
     """
     if isinstance(shape, Circle):
         away = math.hypot(*shape.centre)

@@ -91,8 +91,8 @@ def gauss_node_count(length: float, slope: float, tol: float) -> int:
     """Return the number of Gauss-Legendre nodes that a line needs for a tolerance.
 
     The phase along the line changes by slope x length at most. The rule takes half a node per
-    radian of half that change, more nodes for the transition to convergence (Trefethen 2008), and
-    more for the tolerance.
+    radian of half that change, and more for the transition to convergence (Trefethen 2008) and for
+    the tolerance.
     """
     turn = length * slope / 2
     return math.ceil(turn / 2 + 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)) + 8
@@ -124,10 +124,7 @@ def line_rule_node_count(length: float, slope: float, tol: float) -> int:
 
 
 def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
-    """Estimate how many nodes stop_rule() needs, without computing them.
-
-    The estimate is right within some percent.
-    """
+    """Estimate how many nodes stop_rule() needs, within some percent, without computing them."""
     rule = _StopRule(stop, slope_bound, tol)
     if stop.annulus_radii is not None:
         inner, outer = stop.annulus_radii

@@ -44,15 +44,14 @@ class RowBand:
     def heights(self, angle: Array) -> Array:
         """Return heights that cluster at both ends of the band, for angles -pi/2 to pi/2.
 
-        Where a curve's end is tangent to a row, the stretches still change smoothly in the angle.
+        Where a curve is tangent to a row, the stretches still change smoothly in the angle.
         """
         return (self.low + self.high) / 2 + (self.high - self.low) / 2 * np.sin(angle)
 
     def slope(self, down: float, along: float) -> float:
         """Bound how fast the phase of an integral along the rows changes, radians per radian.
 
-        down, along: the steepest slopes of the integrand's phase in y and x, radians per stop
-            radius.
+        down, along: the steepest slopes of the phase in y and x, radians per stop radius.
         """
         angle = np.linspace(-math.pi / 2, math.pi / 2, _SAMPLES + 1)
         y, step = self.heights(angle), math.pi / _SAMPLES

@@ -287,12 +287,12 @@ class DirectQuadrature(Propagator):
                 targets, rows = (here, there) if adjoint else (there, here)
                 geometry = [*(p[targets] for p in target), source_y[rows], source_x, *lengths]
                 used = targets if adjoint else slice(rows.start * lines, rows.stop * lines)
-                tile = (values[used], adjoint, *geometry)
-                if torch.is_grad_enabled() and any(t.requires_grad for t in (tile[0], *geometry)):
+                tensors = (values[used], *geometry)
+                if torch.is_grad_enabled() and any(t.requires_grad for t in tensors):
                     # Derivatives compute the tile again.
-                    part = checkpoint(self._product, *tile, use_reentrant=False)
+                    part = checkpoint(self._product, adjoint, *tensors, use_reentrant=False)
                 else:
-                    part = self._product(*tile)
+                    part = self._product(adjoint, *tensors)
                 total = part if total is None else total + part
             assert total is not None
             sums.append(total)
@@ -300,7 +300,7 @@ class DirectQuadrature(Propagator):
         return sent.conj().resolve_conj() if self._sign < 0 else sent
 
     def _product(
-        self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor
+        self, adjoint: bool, values: torch.Tensor, *geometry: torch.Tensor
     ) -> torch.Tensor:
         """Multiply a tile of the kernel by its values."""
         y, x, depth, source_y, source_x, distance, wavelength = geometry
