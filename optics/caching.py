@@ -63,20 +63,17 @@ class ByteCache:
         size = self.size_of(result)
         if size <= self.limit:
             with self._lock:
-                self._store(key, result, size)
+                if key in self._entries:
+                    self._bytes -= self._entries.pop(key)[1]
+                self._entries[key] = (result, size)
+                self._bytes += size
+                while self._bytes > self.limit:
+                    self._bytes -= self._entries.popitem(last=False)[1][1]
         return result
 
     def size_of(self, result: object) -> int:
         """Return what a result counts against the limit."""
         return result_bytes(result)
-
-    def _store(self, key: Hashable, result: object, size: int) -> None:
-        if key in self._entries:
-            self._bytes -= self._entries.pop(key)[1]
-        self._entries[key] = (result, size)
-        self._bytes += size
-        while self._bytes > self.limit:
-            self._bytes -= self._entries.popitem(last=False)[1][1]
 
     def clear(self) -> None:
         with self._lock:

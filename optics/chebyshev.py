@@ -47,9 +47,11 @@ class ChebyshevExpansion:
     ) -> None:
         angle = math.pi * (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
         self._lines = [plane.coordinates(axis) for axis in (0, 1)]
-        self._spans = [
-            _centre_and_half_span(line, plane.pitch[axis]) for axis, line in enumerate(self._lines)
-        ]
+        # Middle and half span of the samples along each axis; a pitch for one sample.
+        self._spans = []
+        for line, pitch in zip(self._lines, plane.pitch, strict=True):
+            low, high = float(line.min()), float(line.max())
+            self._spans.append(((low + high) / 2, (high - low) / 2 or pitch))
         y, x = (middle + half * torch.cos(angle) for middle, half in self._spans)
         order = torch.arange(nodes, dtype=torch.float64)
         weight = (2 - (order == 0).to(order)) / nodes
@@ -76,8 +78,7 @@ class ChebyshevExpansion:
         It estimates the share that orders beyond the expansion would have.
         """
         size, last = self.coefficients.abs(), self._order.numel() * 3 // 4
-        inner = float(size[:last, :last].sum())
-        whole = float(size.sum())
+        inner, whole = float(size[:last, :last].sum()), float(size.sum())
         return (whole - inner) / whole if whole else 0.0
 
 
@@ -94,9 +95,3 @@ def expand_in_chebyshev(
         if found.tail_share <= 1e-14:
             return found
     return None
-
-
-def _centre_and_half_span(line: torch.Tensor, pitch: float) -> tuple[float, float]:
-    """Return middle and half span of samples, in metres; half span is a pitch for one sample."""
-    low, high = float(line.min()), float(line.max())
-    return (low + high) / 2, (high - low) / 2 or pitch

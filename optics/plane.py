@@ -29,7 +29,8 @@ class Plane:
     centre: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not all(_is_whole(n) for n in self.shape) or len(self.shape) != 2:
+        whole = [isinstance(n, (int, np.integer)) and not isinstance(n, bool) for n in self.shape]
+        if not all(whole) or len(whole) != 2:
             raise TypeError(f"shape {self.shape} must be two whole numbers, (rows, columns)")
         if not max(self.shape) < _LONGEST:
             raise ValueError(
@@ -65,16 +66,9 @@ class Plane:
         )
 
 
-def _is_whole(count: object) -> bool:
-    return isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-
-
 @dataclass(frozen=True, eq=False)
 class RectilinearGrid:
-    """Describe a grid of samples in rows and columns that needn't be evenly spaced.
-
-    y, x: metres, one-dimensional, float64.
-    """
+    """Samples in rows and columns that needn't be evenly spaced; y, x: metres, float64."""
 
     y: torch.Tensor
     x: torch.Tensor

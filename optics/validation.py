@@ -118,9 +118,12 @@ def to_plain_numbers(value: Any) -> Any:
         return value if all(a is b for a, b in zip(inner, value, strict=True)) else inner
     if not is_dataclass(value) or isinstance(value, type):
         return value
-    old_values = {one.name: getattr(value, one.name) for one in fields(value)}
-    new_values = {name: to_plain_numbers(one) for name, one in old_values.items()}
-    changed = {name: one for name, one in new_values.items() if one is not old_values[name]}
+    changed = {}
+    for one in fields(value):
+        old = getattr(value, one.name)
+        new = to_plain_numbers(old)
+        if new is not old:
+            changed[one.name] = new
     return replace(value, **changed) if changed else value
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from optics.camera import Camera, Lens
-from optics.camera.colour_curve import wavelengths_between
+from optics.camera.camera import wavelengths_between
 from optics.camera.pupil import vergence_error
 from optics.light.bands import Band
 from optics.validation import as_number

@@ -7,9 +7,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 from optics.accuracy.tolerance_error import ToleranceError
 from optics.validation import require_count
+
+if TYPE_CHECKING:
+    import torch
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,10 @@ class MachineSpeed:
     bessel: float = 3.3e-8
     step: float = 1e-5
     double: float = 2.0
+
+    def slowdown(self, dtype: torch.dtype) -> float:
+        """Return the time of an operation in a complex dtype over that in complex64."""
+        return self.double if dtype.itemsize == 16 else 1.0
 
 
 @dataclass(frozen=True)

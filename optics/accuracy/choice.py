@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from operator import itemgetter
 from typing import Generic, TypeVar
 
 from optics.accuracy.budget import Budget, MachineSpeed, require_planning_time
@@ -142,7 +142,7 @@ class MethodChoice(Generic[O]):
         *,
         remedy: str = "ask for fewer samples",
     ) -> None:
-        self._budget, self._what, self._remedy = budget, what, remedy
+        self._budget, self._what = budget, what
         self._refusals: list[ValueError] = []
         self.wasted_seconds = 0.0
         found: list[tuple[float, O]] = []
@@ -150,22 +150,16 @@ class MethodChoice(Generic[O]):
             try:
                 require_planning_time(what)
                 offer = make()
-                found.append((self._affordable_seconds(offer), offer))
+                named = f"{what} by {offer.name}"
+                require_memory(named, offer.bytes, budget.memory, remedy)
+                call = offer.cpu_seconds(budget.speed)
+                planning = offer.planning_seconds(budget.speed)
+                require_time(named, planning + call, budget.seconds, remedy)
+                found.append((planning + budget.calls * call, offer))
             except ValueError as error:
                 self._refusals.append(error)
-        self.candidates: list[O] = [offer for _, offer in sorted(found, key=lambda one: one[0])]
-
-    def _affordable_seconds(self, offer: O) -> float:
-        """Predict the time of planning and all calls, in seconds.
-
-        Raises ToleranceError if the method is beyond the budget of memory, or the plan and one call
-        are beyond that of time.
-        """
-        what, budget = f"{self._what} by {offer.name}", self._budget
-        require_memory(what, offer.bytes, budget.memory, self._remedy)
-        call, planning = offer.cpu_seconds(budget.speed), offer.planning_seconds(budget.speed)
-        require_time(what, planning + call, budget.seconds, self._remedy)
-        return planning + budget.calls * call
+        found.sort(key=itemgetter(0))
+        self.candidates: list[O] = [offer for _, offer in found]
 
     @property
     def seconds(self) -> float:
@@ -236,14 +230,14 @@ def cheapest_candidate(candidates: Iterable[O], budget: Budget, what: str) -> O:
     ToleranceError
         If no candidate fits; the message names the memory that the smallest one needs.
     """
-    choice = MethodChoice([partial(_itself, one) for one in candidates], budget, what)
+
+    def maker(one: O) -> Callable[[], O]:
+        return lambda: one
+
+    choice = MethodChoice(map(maker, candidates), budget, what)
     if not choice.candidates:
         raise choice.refusal(math.nan)
     return choice.candidates[0]
-
-
-def _itself(offer: O) -> O:
-    return offer
 
 
 @dataclass(frozen=True)

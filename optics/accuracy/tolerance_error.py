@@ -85,17 +85,16 @@ def require_memory(what: str, needed_bytes: float, allowed_bytes: int, remedy: s
     """
     if needed_bytes <= allowed_bytes:
         return
+    needed, allowed = (
+        f"{count / 1e6:.0f} MB" if count < 1e15 else f"{count / 1e15:.3g} PB"
+        for count in (needed_bytes, allowed_bytes)
+    )
     refusal = ToleranceError(
-        f"{what} needs {_told_bytes(needed_bytes)} at least and {_told_bytes(allowed_bytes)} are "
-        "allowed",
+        f"{what} needs {needed} at least and {allowed} are allowed",
         f"allow more memory, or {remedy}",
     )
     refusal.needed_bytes = int(min(needed_bytes, 1e300))
     raise refusal
-
-
-def _told_bytes(count: float) -> str:
-    return f"{count / 1e6:.0f} MB" if count < 1e15 else f"{count / 1e15:.3g} PB"
 
 
 def require_time(what: str, needed_seconds: float, allowed_seconds: float, remedy: str) -> None:

@@ -11,14 +11,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.camera.colour_curve import colour_curve_at, require_colour_curve
 from optics.camera.field_aberrations import FieldAberrations
 from optics.camera.ghost import Ghost, require_ghosts
 from optics.camera.stop import Circle, Stop
 from optics.quantity_ranges import RANGES, ask_about_unit
 from optics.sensor.sensor import Sensor
 from optics.slm.panel import Panel
-from optics.validation import as_number, require_positive, require_share, require_size
+from optics.validation import (
+    as_number,
+    require_positive,
+    require_share,
+    require_size,
+    require_wavelength,
+)
 from optics.zernike import require_zernike_indices
 
 Array = NDArray[np.float64]
@@ -72,6 +77,63 @@ class RadialDistortion:
         u = (np.minimum(height, self.fold) / self.distance) ** 2
         radial = 1 + 3 * self.k1 * u + 5 * self.k2 * u**2
         return np.asarray((1 + self.k1 * u + self.k2 * u**2) * np.maximum(radial, 0))
+
+
+ColourCurve = Sequence[tuple[float, float]]
+"""Pairs (wavelength in metres, value) of rising wavelengths. Values between two are interpolated
+linearly; beyond the ends the curve goes on as straight as between its last two pairs."""
+
+
+def require_colour_curve(name: str, curve: ColourCurve, most: float, unit: str) -> None:
+    """Raise ValueError unless a curve is empty, or its wavelengths rise and its values are finite.
+
+    most: largest size of a value. unit: of the values, for the message.
+    """
+    if not curve:
+        return
+    if len(curve) < 2:
+        raise ValueError(
+            f"{name} is {list(curve)}; give two pairs or more, [wavelength, value], or none"
+        )
+    for wavelength, value in curve:
+        require_wavelength(f"a wavelength of {name}", wavelength)
+        if not math.isfinite(value) or abs(value) > most:
+            raise ValueError(
+                f"{name} is {value:g}{unit} at {wavelength * 1e9:g} nm; it is between "
+                f"{-most:g} and {most:g}{unit}"
+            )
+    for (low, _), (high, _) in itertools.pairwise(curve):
+        if not low < high:
+            raise ValueError(
+                f"{name} has {high * 1e9:g} nm after {low * 1e9:g} nm; wavelengths rise"
+            )
+
+
+def colour_curve_at(name: str, curve: ColourCurve, wavelength: float, most: float) -> float:
+    """Return a curve's value at a wavelength in metres; 0 for an empty curve.
+
+    Raises ValueError where a curve that goes on beyond its ends exceeds `most` in size.
+    """
+    if not curve:
+        return 0.0
+    x, y = np.array(curve).T
+    first = int(np.clip(np.searchsorted(x, wavelength) - 1, 0, len(x) - 2))
+    slope = (y[first + 1] - y[first]) / (x[first + 1] - x[first])
+    value = float(y[first] + slope * (wavelength - x[first]))
+    if abs(value) > most * (1 + 1e-9):
+        raise ValueError(
+            f"{name} goes on to {value:.3g} at {wavelength * 1e9:.4g} nm, more than {most:.3g}; "
+            "give its curve up to that wavelength"
+        )
+    return value
+
+
+def wavelengths_between(curve: ColourCurve, low: float, high: float) -> list[float]:
+    """Return both ends of a range in metres, and where the curve bends between them.
+
+    The least and the largest of its values in the range are at these wavelengths.
+    """
+    return [low, *(one for one, _ in curve if low < one < high), high]
 
 
 MAX_SCALE_CHANGE = 0.1
@@ -242,18 +304,14 @@ class Lens:
 
     @property
     def image_distance(self) -> float:
-        """The distance in metres from the lens to the sensor.
-
-        It follows from the thin-lens equation at `focus_distance`.
-        """
+        """The distance in metres from lens to sensor, by the thin-lens equation."""
         return 1 / (1 / self.focal_length - 1 / self.focus_distance)
 
     @property
     def image_numerical_aperture(self) -> float:
-        """The numerical aperture on the image side, from the steepest ray behind the lens.
+        """The numerical aperture on the image side: the sine of the steepest ray's angle.
 
-        It is the sine of that ray's angle to the axis. For a thin lens it is the tangent, which is
-        the same to paraxial order.
+        For a thin lens it is the tangent, which is the same to paraxial order.
         """
         return 0.5 * self.stop_diameter / self.image_distance
 
@@ -389,10 +447,9 @@ class Camera:
     def ray_matrix_b(self) -> float:
         """The ray-matrix element B: metres on the sensor per unit slope at the panel.
 
-        It is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
-        5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It equals
-        the image distance if the panel stands at the lens. It is zero or negative if the panel
-        stands in the plane in focus or beyond it.
+        It is z1 + z2 - z1 z2 / f from panel to sensor (thesis Fig. 5.2), which with the thin-lens
+        equation is z2 (1 - z1 / focus_distance): the image distance for a panel at the lens, and
+        zero or negative for one in the plane in focus or beyond it.
         """
         lens = self.lens
         return lens.image_distance * (1 - self.separation / lens.focus_distance)
@@ -400,8 +457,7 @@ class Camera:
     def magnification(self, distance: float) -> float:
         """Compute the magnification, metres on the sensor per metre at an object.
 
-        The object is `distance` metres from the panel; for ``math.inf`` the magnification is 0. It
-        is the magnification along the chief ray, through the middle of the lens. The image is
-        inverted, but the number is positive.
+        It is that along the chief ray, for an object `distance` metres from the panel; 0 for
+        ``math.inf``. The image is inverted, but the number is positive.
         """
         return self.lens.image_distance / (distance + self.separation)

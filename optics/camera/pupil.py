@@ -11,7 +11,7 @@ import torch
 
 from optics.accuracy import ErrorEstimate
 from optics.caching import byte_limited_cache
-from optics.camera import Camera, Lens
+from optics.camera import Camera, Lens, Panel
 from optics.camera.stop import Stop
 from optics.camera.stop_areas import Coverage, coverage
 from optics.camera.stop_nodes import PhaseSlopeBound
@@ -41,27 +41,29 @@ _SLOPE_MARGIN = 1.1
 def pupil_amplitude(camera: Camera) -> torch.Tensor:
     """Compute each panel pixel's share inside the stop, (rows, columns), float64.
 
-    Edge pixels get the share of their covered area; with a jagged edge the error would be four
-    times as large. The tensor is cached, so don't write into it. It is differentiable twice in the
-    stop's diameter.
+    With a jagged edge instead, the error would be four times as large. The tensor is cached, so
+    don't write into it. It is differentiable twice in the stop's diameter.
     """
     return _open_shares(camera.lens.stop, camera.lens.stop_diameter / 2, camera.panel.plane)
 
 
 def open_area(camera: Camera) -> Scalar:
-    """Compute the area that panel and stop leave open, in square metres.
+    """Compute the area in m² that panel and stop leave open, as if they stood in one plane.
 
-    Both are treated as if they stood in one plane. It is a number, or a tensor that is
-    differentiable twice in the stop's diameter if that is one.
+    It is a number, or a tensor that is differentiable twice in the stop's diameter if that is one.
     """
-    panel, lens = camera.panel, camera.lens
-    whole = tuple(n * panel.pitch for n in panel.shape)
-    # The origin is at n // 2, so that an even number of pixels isn't centred on it.
-    middle = tuple((n % 2 - 1) * panel.pitch / 2 for n in panel.shape)
-    one = Plane((1, 1), (whole[0], whole[1]), (middle[0], middle[1]))
-    share = _open_shares(lens.stop, lens.stop_diameter / 2, one)[0, 0]
-    area = share * (whole[0] * whole[1])
+    lens, whole = camera.lens, _panel_as_one_cell(camera.panel)
+    share = _open_shares(lens.stop, lens.stop_diameter / 2, whole)[0, 0]
+    area = share * (whole.pitch[0] * whole.pitch[1])
     return area if needs_gradient(area) else float(area)
+
+
+def _panel_as_one_cell(panel: Panel, shift: tuple[float, float] = (0.0, 0.0)) -> Plane:
+    """Return a panel's area as the one cell of a plane, displaced by a shift (y, x) in metres."""
+    (height, width), p = (n * panel.pitch for n in panel.shape), panel.pitch
+    # The origin is at n // 2, so that an even number of pixels isn't centred on it.
+    y, x = ((n % 2 - 1) * p / 2 + way for n, way in zip(panel.shape, shift, strict=True))
+    return Plane((1, 1), (height, width), (y, x))
 
 
 def _open_shares(stop: Stop, radius: Scalar, plane: Plane) -> torch.Tensor:
@@ -142,8 +144,7 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
     """Estimate how far the lens' wave is from scalar diffraction by an ideal lens.
 
     The parabola of a thin lens differs from the sphere by r⁴/8z³ of path. Both kinds of lens leave
-    out the obliquity of the steepest rays.
-    radius: metres from the axis to the farthest light.
+    out the obliquity of the steepest rays. radius: metres from the axis to the farthest light.
     """
     z = lens.image_distance
     sine = radius / z
@@ -156,38 +157,29 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
 
 
 def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
-    """Compute the optical cut-off on the sensor, in cycles per metre.
-
-    It is the larger one of `cutoff_frequencies`.
-    """
+    """Return the larger one of `cutoff_frequencies`, in cycles per metre on the sensor."""
     return max(cutoff_frequencies(optics, wavelength))
 
 
 def cutoff_frequencies(optics: Camera | Lens, wavelength: float) -> tuple[float, float]:
     """Compute the optical cut-offs along y and x, in cycles per metre on the sensor.
 
-    A pixel that the stop cuts counts with its whole width, which reaches beyond the stop. Behind a
-    panel that stands apart from the lens the whole stop is lit.
+    A pixel that the stop cuts counts with its whole width. Behind a panel that stands apart from
+    the lens the whole stop is lit.
     """
     lens = optics if isinstance(optics, Lens) else optics.lens
     widths = (lens.stop_diameter, lens.stop_diameter)
     if isinstance(optics, Camera):
-        rows, columns = (_lit_width(optics, count) for count in optics.panel.shape)
+        pitch = optics.panel.pitch
+        stop = lens.stop_diameter + 2 * pitch
+        rows, columns = (min(stop, count * pitch) for count in optics.panel.shape)
         widths = (rows, columns)
         if optics.separation:
-            widths = (max(widths), max(widths))
+            lever = max(optics.ray_matrix_b / lens.image_distance, MIN_RAY_MATRIX_B_SHARE)
+            widest = max(stop, max(rows, columns) / lever)
+            widths = (widest, widest)
     y, x = (width / (wavelength * lens.image_distance) for width in widths)
     return y, x
-
-
-def _lit_width(camera: Camera, count: int) -> float:
-    """Return the lit width in metres along an axis of the panel with `count` pixels."""
-    lens, pitch = camera.lens, camera.panel.pitch
-    open_width = min(lens.stop_diameter + 2 * pitch, count * pitch)
-    if not camera.separation:
-        return open_width
-    lever = max(camera.ray_matrix_b / lens.image_distance, MIN_RAY_MATRIX_B_SHARE)
-    return max(lens.stop_diameter + 2 * pitch, open_width / lever)
 
 
 def object_to_lens_distance(camera: Camera, distance: Scalar) -> Scalar:
@@ -196,10 +188,7 @@ def object_to_lens_distance(camera: Camera, distance: Scalar) -> Scalar:
 
 
 def vergence_error(lens: Lens, distance: Scalar) -> Scalar:
-    """Compute 1/d + 1/z - 1/f for an object at the distance d, in dioptres.
-
-    It is zero for an object in focus.
-    """
+    """Compute 1/d + 1/z - 1/f in dioptres for an object at the distance d; zero in focus."""
     return 1 / distance - 1 / lens.focus_distance
 
 
@@ -209,9 +198,7 @@ def defocus_curvature(lens: Lens, distance: Scalar, wavelength: Scalar) -> Scala
 
 
 def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor:
-    """Compute the optical path of defocus in metres, at points in the pupil.
-
-    r2: squared distance of the points from the axis, square metres.
+    """Compute the optical path of defocus in metres, r2 square metres from the axis in the pupil.
 
     The path is the sum of the object's spherical wave, the lens, and the wave that converges on the
     sensor. It is quadratic for a thin lens (thesis Eq. 2.14), and a difference of two spheres for a
@@ -232,7 +219,6 @@ def pupil_phase(
 ) -> torch.Tensor:
     """Compute the phase of a point's light in the stop in radians (thesis Eq. 3.2), float64.
 
-    It is the sum of defocus and aberrations.
     y, x: in units of the stop's radius; they broadcast.
     """
     r2 = (y**2 + x**2) * (lens.stop_diameter / 2) ** 2
@@ -242,22 +228,13 @@ def pupil_phase(
     return 2 * math.pi / wavelength * path
 
 
-def pupil_phase_on_panel(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
-    """Compute the phase at the panel's pixel centres, (rows, columns), in radians."""
-    radius = camera.lens.stop_diameter / 2
-    y, x = camera.panel.plane.mesh()
-    return pupil_phase(camera.lens, distance, wavelength, y / radius, x / radius)
-
-
 def phase_slope_bound(
     lens: Lens, distance: float, wavelength: float, tilt: float
 ) -> PhaseSlopeBound:
     """Bound how fast the phase in the stop changes, for the choice of quadrature nodes.
 
+    The bound is analytic for pure defocus, and else found from samples along rays and circles.
     tilt: the slope that belongs to the farthest image sample.
-
-    The bound is analytic for pure defocus. With aberrations it is found from samples along rays and
-    circles.
     """
     radius = lens.stop_diameter / 2
     if not lens.aberrations:
@@ -301,36 +278,25 @@ def phase_step_per_pixel(camera: Camera, distance: float, wavelength: float) -> 
     """Compute the largest change of the phase across an open panel pixel, in radians."""
     lens, panel = to_plain_numbers(camera.lens), camera.panel
     radius = lens.stop_diameter / 2
-    if lens.aberrations:
-        return _SLOPE_MARGIN * _largest_pixel_phase_step(
-            replace(camera, lens=lens), distance, wavelength
-        )
-    # A pixel that the stop cuts reaches beyond the stop.
-    reach = min(radius + math.sqrt(2) * panel.pitch, panel_half_diagonal(camera)) / radius
-    return (
-        phase_slope_bound(lens, distance, wavelength, 0.0).largest_slope(reach)
-        / radius
-        * panel.pitch
-    )
-
-
-def _largest_pixel_phase_step(camera: Camera, distance: float, wavelength: float) -> float:
-    """Compute the largest change of the phase between a panel pixel's corners, in radians.
-
-    Only pixels that are at least partly open count, because Zernike polynomials grow fast beyond
-    the stop.
-    """
-    panel, radius = camera.panel, camera.lens.stop_diameter / 2
+    if not lens.aberrations:
+        # A pixel that the stop cuts reaches beyond the stop.
+        reach = min(radius + math.sqrt(2) * panel.pitch, panel_half_diagonal(camera)) / radius
+        bound = phase_slope_bound(lens, distance, wavelength, 0.0)
+        return bound.largest_slope(reach) / radius * panel.pitch
+    # The phase between the pixels' corners. Only pixels that are at least partly open count,
+    # because Zernike polynomials grow fast beyond the stop.
     y, x = (
         (torch.arange(n + 1, dtype=torch.float64) - n // 2 - 0.5) * (panel.pitch / radius)
         for n in panel.shape
     )
-    phase = pupil_phase(camera.lens, distance, wavelength, y[:, None], x[None, :])
-    is_open = pupil_amplitude(camera) > 0
+    phase = pupil_phase(lens, distance, wavelength, y[:, None], x[None, :])
+    is_open = pupil_amplitude(replace(camera, lens=lens)) > 0
     down, along = phase.diff(dim=0).abs(), phase.diff(dim=1).abs()
     down = torch.maximum(down[:, 1:], down[:, :-1])[is_open]
     along = torch.maximum(along[1:], along[:-1])[is_open]
-    return float((down**2 + along**2).max().sqrt()) if down.numel() else 0.0
+    if not down.numel():
+        return 0.0
+    return _SLOPE_MARGIN * float((down**2 + along**2).max().sqrt())
 
 
 def numeric_camera(camera: Camera) -> Camera:
@@ -343,8 +309,7 @@ def numeric_camera(camera: Camera) -> Camera:
 def panel_to_focus_distance(camera: Camera) -> float:
     """Return the distance from the panel to the plane in focus, in metres.
 
-    Raises ValueError for a panel in that plane or beyond it: the lens then images the panel's
-    pixels, and the light of an object in focus doesn't reach the panel as a spreading wave.
+    Raises ValueError for a panel in that plane or beyond it, whose pixels the lens would image.
     """
     distance = camera.lens.focus_distance - camera.separation
     if not distance > 0:
@@ -359,13 +324,11 @@ def with_stop_shadow_on_panel(camera: Camera) -> Camera:
     """Return the camera with its stop on the panel, as large as its shadow there.
 
     Light of a point in focus, d metres before the panel, spreads by the factor 1 + separation / d
-    on its way to the stop. The light that passes therefore comes from an area on the panel that is
+    on its way to the stop, so that the light that passes comes from an area on the panel that is
     smaller by this factor. This is geometric optics; diffraction blurs the shadow's rim over
     sqrt(wavelength separation). The returned camera is valid for its panel, its stop and their open
     area, but not for lengths behind the lens. It is the given camera if panel and lens are in one
-    plane.
-
-    Raises ValueError under the same conditions as panel_to_focus_distance().
+    plane. Raises ValueError under the same conditions as panel_to_focus_distance().
     """
     if not camera.separation:
         return camera
@@ -389,13 +352,8 @@ def share_through_stop(camera: Camera, distance: float, field: tuple[float, floa
     whole = open_area(camera)
     if not whole:
         raise ValueError("the panel and the stop have no area in common; no light passes")
-    panel, lens, z1 = camera.panel, camera.lens, as_number(camera.separation)
+    lens, z1 = camera.lens, as_number(camera.separation)
     radius = as_number(lens.stop_diameter) / 2 / (1 + z1 / distance)
-    sides = tuple(n * panel.pitch for n in panel.shape)
-    # The origin is at n // 2, so that an even number of pixels isn't centred on it.
-    centre = tuple(
-        (n % 2 - 1) * panel.pitch / 2 + z1 * f / as_number(lens.image_distance)
-        for n, f in zip(panel.shape, field, strict=True)
-    )
-    one = Plane((1, 1), (sides[0], sides[1]), (centre[0], centre[1]))
-    return float(coverage(lens.stop, radius, one)) * sides[0] * sides[1] / whole
+    y, x = (z1 * place / as_number(lens.image_distance) for place in field)
+    panel = _panel_as_one_cell(camera.panel, (y, x))
+    return float(coverage(lens.stop, radius, panel)) * panel.pitch[0] * panel.pitch[1] / whole

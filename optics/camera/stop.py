@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 
@@ -70,9 +70,10 @@ class Polygon:
             raise ValueError("a polygon's corners must be finite numbers")
         if _crosses_itself(self.corners):
             raise ValueError("a polygon crosses itself; give its corners in order")
-        if abs(_shoelace(self.corners)) < NEGLIGIBLE:
+        area = _shoelace(self.corners)
+        if abs(area) < NEGLIGIBLE:
             raise ValueError("a polygon's corners lie in a line; it has no area")
-        if _shoelace(self.corners) < 0:
+        if area < 0:
             object.__setattr__(self, "corners", tuple(reversed(self.corners)))
 
     @functools.cached_property
@@ -122,8 +123,7 @@ def rectangle(height: float, width: float, centre: Point = (0.0, 0.0)) -> Polygo
 def regular_polygon(sides: int, radius: float = 1.0, turn: float = 0.0) -> Polygon:
     """Make the opening between straight blades: a regular polygon.
 
-    radius: of the circle through its corners, in stop radii.
-    turn: rotation in radians.
+    radius: of the circle through its corners, in stop radii. turn: rotation in radians.
     """
     if not 3 <= sides <= _MOST_CORNERS:
         raise ValueError(
@@ -151,10 +151,7 @@ class Segment:
         return np.full_like(t, y1 - y0), np.full_like(t, x1 - x0)
 
     def crossings(self, axis: int, level: Array) -> Array:
-        """Return the parameters t at which the piece crosses levels.
-
-        A level is a value of the coordinate `axis`, 0 for y and 1 for x.
-        """
+        """Return the parameters t at which the piece crosses levels of y (axis 0) or x (axis 1)."""
         low, high = self.start[axis], self.end[axis]
         if low == high:
             return np.empty(0)
@@ -205,10 +202,9 @@ class Loop:
 
     @property
     def area(self) -> float:
-        """The signed area inside, in square stop radii.
+        """The signed area inside, in square stop radii, by Green's theorem.
 
-        Green's theorem gives it as an integral along the loop. 24 nodes make it exact to rounding,
-        for arcs and segments.
+        24 nodes make it exact to rounding, for arcs and segments.
         """
         nodes, weights = gauss_legendre(24)
         t, total = (nodes + 1) / 2, 0.0
@@ -230,15 +226,12 @@ class Stop:
     obscurations: tuple[Shape, ...] = ()
 
     def __post_init__(self) -> None:
-        if (
-            isinstance(self.opening, Polygon)
-            and np.hypot(*np.transpose(self.opening.corners)).max() > 1 + 1e-9
-        ):
-            raise ValueError("the opening reaches beyond the stop's radius, 1; scale it down")
         if isinstance(self.opening, Circle):
             reach = math.hypot(*self.opening.centre) + self.opening.radius
-            if reach > 1 + 1e-9:
-                raise ValueError("the opening reaches beyond the stop's radius, 1; scale it down")
+        else:
+            reach = np.hypot(*np.transpose(self.opening.corners)).max()
+        if reach > 1 + 1e-9:
+            raise ValueError("the opening reaches beyond the stop's radius, 1; scale it down")
         if any(self._overlap_in_opening(*three) for three in _near_triples(self.obscurations)):
             raise ValueError(
                 "three obscurations overlap; end vanes where others begin, or draw them as one"
@@ -252,11 +245,10 @@ class Stop:
 
         An overlap is added because both obscurations subtract it.
         """
-        found: list[Loop | None] = [_boundary(self.opening, 1)]
-        found += [_intersection_loop(self.opening, shape, -1) for shape in self.obscurations]
-        for a, b in combinations(self.obscurations, 2):
-            found.append(self._pair_overlap(a, b))
-        return tuple(loop for loop in found if loop is not None)
+        found: list[tuple[int, Loop | None]] = [(1, _boundary(self.opening))]
+        found += [(-1, _intersection_loop(self.opening, shape)) for shape in self.obscurations]
+        found += [(1, self._pair_overlap(a, b)) for a, b in combinations(self.obscurations, 2)]
+        return tuple(Loop(loop.pieces, sign) for sign, loop in found if loop is not None)
 
     def _overlap_in_opening(self, a: Shape, b: Shape, c: Shape) -> bool:
         """Tell whether three obscurations overlap inside the opening.
@@ -271,7 +263,8 @@ class Stop:
             if both is None:
                 return False
             if c == self.opening or _lies_within(c, self.opening):
-                return _loop_area(_intersection_loop(c, both, 1)) > NEGLIGIBLE
+                whole = _intersection_loop(c, both)
+                return whole is not None and whole.area > NEGLIGIBLE
         # The overlap of two circles, or of a circle that the opening's edge cuts, is found by
         # sampling.
         grid = (np.arange(800) + 0.5) / 400 - 1
@@ -280,13 +273,13 @@ class Stop:
         return bool(np.logical_and.reduce(list(inside)).any())
 
     def _pair_overlap(self, a: Shape, b: Shape) -> Loop | None:
-        if _intersection_loop(a, b, 1) is None:
+        if _intersection_loop(a, b) is None:
             return None
         if _lies_within(a, self.opening) or _lies_within(b, self.opening):
-            return _intersection_loop(a, b, 1)
+            return _intersection_loop(a, b)
         if isinstance(a, Polygon) and isinstance(b, Polygon):
             both = _clip_polygon(a, b)
-            return _intersection_loop(self.opening, both, 1) if both else None
+            return _intersection_loop(self.opening, both) if both else None
         raise ValueError("two obscurations overlap beyond the opening; draw them as one polygon")
 
     @property
@@ -309,14 +302,13 @@ class Stop:
     @property
     def rectangle_bounds(self) -> tuple[float, float, float, float] | None:
         """The limits (low y, high y, low x, high x) of an upright rectangle, else None."""
-        if self.obscurations or not isinstance(self.opening, Polygon):
+        opening = self.opening
+        if self.obscurations or isinstance(opening, Circle) or len(opening.corners) != 4:
             return None
-        if len(self.opening.corners) != 4:
+        if any(a[0] != b[0] and a[1] != b[1] for a, b in opening.edges):
             return None
-        if any(a[0] != b[0] and a[1] != b[1] for a, b in self.opening.edges):
-            return None
-        y, x = zip(*self.opening.corners, strict=True)
-        return min(y), max(y), min(x), max(x)
+        (y0, x0), (y1, x1) = opening.extent
+        return y0, y1, x0, x1
 
 
 def _near_triples(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, ...]]:
@@ -335,10 +327,7 @@ def _shoelace(corners: Sequence[Point]) -> float:
 
 
 def _cross(a: Point, b: Point, c: Point) -> float:
-    """Return the cross product of the vectors ab and ac.
-
-    It is positive for a turn from x towards y.
-    """
+    """Return the cross product of the vectors ab and ac, positive for a turn from x towards y."""
     return (b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])
 
 
@@ -355,9 +344,9 @@ def _crosses_itself(corners: Sequence[Point]) -> bool:
 
 
 def _on_both_sides(start: Array, end: Array, c: Array, d: Array) -> NDArray[np.bool_]:
-    """Tell whether c and d lie on different sides of the line through an edge.
+    """Tell whether c and d, points (..., 2), lie on different sides of the line through an edge.
 
-    The answer is no if either point lies on the line up to rounding. Points are (..., 2).
+    The answer is no if either lies on the line up to rounding.
     """
     (y, x), (height, width) = start.T, (end - start).T
     sides = [width * (at.T[0] - y) - height * (at.T[1] - x) for at in (c, d)]
@@ -365,10 +354,10 @@ def _on_both_sides(start: Array, end: Array, c: Array, d: Array) -> NDArray[np.b
     return np.asarray((low < -NEGLIGIBLE) & (high > NEGLIGIBLE))
 
 
-def _boundary(shape: Shape, sign: int) -> Loop:
+def _boundary(shape: Shape) -> Loop:
     if isinstance(shape, Circle):
-        return Loop((Arc(shape.centre, shape.radius, 0.0, 2 * math.pi),), sign)
-    return Loop(tuple(Segment(a, b) for a, b in shape.edges), sign)
+        return Loop((Arc(shape.centre, shape.radius, 0.0, 2 * math.pi),))
+    return Loop(tuple(Segment(a, b) for a, b in shape.edges))
 
 
 def _lies_within(inner: Shape, outer: Shape) -> bool:
@@ -378,13 +367,12 @@ def _lies_within(inner: Shape, outer: Shape) -> bool:
         y, x = np.transpose(inner.corners)  # type: ignore[union-attr]
         return bool(outer.contains(y, x).all())
     if isinstance(inner, Circle):
-        y, x = (np.array([c]) for c in inner.centre)
+        y, x = np.transpose([inner.centre])
         return bool(outer.contains(y, x)[0]) and all(
             _distance_to_segment(inner.centre, a, b) >= inner.radius for a, b in outer.edges
         )
-    return (
-        abs(_loop_area(_intersection_loop(outer, inner, 1)) - _shoelace(inner.corners)) < NEGLIGIBLE
-    )
+    both = _intersection_loop(outer, inner)
+    return abs((both.area if both else 0.0) - _shoelace(inner.corners)) < NEGLIGIBLE
 
 
 def _distance_to_segment(p: Point, a: Point, b: Point) -> float:
@@ -394,28 +382,24 @@ def _distance_to_segment(p: Point, a: Point, b: Point) -> float:
     return math.dist(p, (a[0] + t * along[0], a[1] + t * along[1]))
 
 
-def _loop_area(loop: Loop | None) -> float:
-    return loop.area if loop else 0.0
-
-
-def _intersection_loop(a: Shape, b: Shape, sign: int) -> Loop | None:
+def _intersection_loop(a: Shape, b: Shape) -> Loop | None:
     """Return the boundary of the overlap of two shapes, or None if it is empty."""
     if isinstance(a, Circle) and isinstance(b, Circle):
-        return _circle_intersection(a, b, sign)
+        return _circle_intersection(a, b)
     if isinstance(a, Circle):
-        return _circle_polygon_intersection(a, b, sign)  # type: ignore[arg-type]
+        return _circle_polygon_intersection(a, b)  # type: ignore[arg-type]
     if isinstance(b, Circle):
-        return _circle_polygon_intersection(b, a, sign)
+        return _circle_polygon_intersection(b, a)
     both = _clip_polygon(a, b)
-    return _boundary(both, sign) if both else None
+    return _boundary(both) if both else None
 
 
-def _circle_intersection(a: Circle, b: Circle, sign: int) -> Loop | None:
+def _circle_intersection(a: Circle, b: Circle) -> Loop | None:
     distance = math.dist(a.centre, b.centre)
     if distance >= a.radius + b.radius:
         return None
     if distance <= abs(a.radius - b.radius):
-        return _boundary(min(a, b, key=lambda c: c.radius), sign)
+        return _boundary(min(a, b, key=lambda c: c.radius))
     arcs = []
     for one, other in ((a, b), (b, a)):
         towards = math.atan2(other.centre[0] - one.centre[0], other.centre[1] - one.centre[1])
@@ -423,29 +407,32 @@ def _circle_intersection(a: Circle, b: Circle, sign: int) -> Loop | None:
             (distance**2 + one.radius**2 - other.radius**2) / (2 * distance * one.radius)
         )
         arcs.append(Arc(one.centre, one.radius, towards - reach, towards + reach))
-    return Loop(tuple(arcs), sign)
+    return Loop(tuple(arcs))
 
 
-def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) -> Loop | None:
+def _circle_polygon_intersection(circle: Circle, polygon: Polygon) -> Loop | None:
     """Return the boundary of the overlap of a circle and a polygon.
 
-    Edges inside the circle are kept. An edge outside is replaced by the arc that it hides, seen
-    from the circle's centre. Every edge or arc sweeps a signed area around the centre, so that the
-    sum is right for every simple polygon.
+    Edges inside the circle are kept, and one outside is replaced by the arc that it hides, seen
+    from the circle's centre. Each sweeps a signed area around the centre, so that the sum is right
+    for every simple polygon.
     """
     pieces: list[Piece] = []
+    cy, cx = circle.centre
     for a, b in polygon.edges:
         edge = Segment(a, b)
         cuts = [0.0, *_circle_crossings(circle, edge), 1.0]
         for low, high in pairwise(cuts):
-            middle = [c[0] for c in edge.points(np.array([(low + high) / 2]))]
-            p, q = (tuple(float(c[0]) for c in edge.points(np.array([t]))) for t in (low, high))
+            y, x = edge.points(np.array([low, (low + high) / 2, high]))
+            p, middle, q = zip(y.tolist(), x.tolist(), strict=True)
             # An edge that only touches the circle in its middle counts as outside.
             if math.dist(middle, circle.centre) < circle.radius - NEGLIGIBLE:
-                pieces.append(Segment(p, q))  # type: ignore[arg-type]
-            else:
-                pieces.append(_hidden_arc(circle, p, q))  # type: ignore[arg-type]
-    loop = Loop(tuple(pieces), sign)
+                pieces.append(Segment(p, q))
+                continue
+            from_p, from_q = (math.atan2(at[0] - cy, at[1] - cx) for at in (p, q))
+            turn = math.remainder(from_q - from_p, 2 * math.pi)
+            pieces.append(Arc(circle.centre, circle.radius, from_p, from_p + turn))
+    loop = Loop(tuple(pieces))
     return loop if abs(loop.area) > NEGLIGIBLE else None
 
 
@@ -460,20 +447,13 @@ def _circle_crossings(circle: Circle, edge: Segment) -> list[float]:
     return [t for t in found if 0 < t < 1]
 
 
-def _hidden_arc(circle: Circle, p: Point, q: Point) -> Arc:
-    y, x = circle.centre
-    first = math.atan2(p[0] - y, p[1] - x)
-    turn = math.remainder(math.atan2(q[0] - y, q[1] - x) - first, 2 * math.pi)
-    return Arc(circle.centre, circle.radius, first, first + turn)
-
-
 def _clip_polygon(a: Polygon, b: Polygon) -> Polygon | None:
     """Intersect two polygons, one of which is convex (Sutherland and Hodgman 1974)."""
     if not a.is_convex:
         a, b = b, a
     if not a.is_convex:
         raise ValueError("neither the opening nor the obscuration is convex; draw them as one")
-    corners: list[Point] = list(b.corners)
+    corners: Sequence[Point] = b.corners
     for start, end in a.edges:
         corners = _clip_by_line(corners, start, end)
     if len(corners) < 3 or abs(_shoelace(corners)) < NEGLIGIBLE:
@@ -490,12 +470,9 @@ def _clip_by_line(corners: Sequence[Point], start: Point, end: Point) -> list[Po
         if (at_p > 0 > at_q) or (at_p < 0 < at_q):
             t = at_p / (at_p - at_q)
             kept.append((p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])))
-    return _drop_repeated_corners(kept)
-
-
-def _drop_repeated_corners(corners: Iterable[Point]) -> list[Point]:
-    kept: list[Point] = []
-    for corner in corners:
-        if not kept or math.dist(corner, kept[-1]) > NEGLIGIBLE:
-            kept.append(corner)
-    return kept[:-1] if len(kept) > 1 and math.dist(kept[0], kept[-1]) <= NEGLIGIBLE else kept
+    unlike: list[Point] = []
+    for corner in kept:
+        if not unlike or math.dist(corner, unlike[-1]) > NEGLIGIBLE:
+            unlike.append(corner)
+    closed = len(unlike) > 1 and math.dist(unlike[0], unlike[-1]) <= NEGLIGIBLE
+    return unlike[:-1] if closed else unlike

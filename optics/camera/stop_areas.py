@@ -36,18 +36,21 @@ class Coverage:
 
     def __init__(self, stop: Stop, radius: float, plane: Plane) -> None:
         self._pitch = (plane.pitch[0] / radius, plane.pitch[1] / radius)
-        lines = [_cell_edges(plane, axis) / radius for axis in (0, 1)]
+        # The edges of the cells along y and x.
+        lines = [
+            ((np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5) * p + float(c)) / radius
+            for n, p, c in zip(plane.shape, plane.pitch, plane.centre, strict=True)
+        ]
         steps = [
             _integrate_along_piece(piece, loop.sign, lines)
             for loop in stop.loops
             for piece in loop.pieces
         ]
-        row, column, strip, step, sweep = (
-            np.concatenate(part) for part in zip(*steps, strict=True)
+        parts = [np.concatenate(part) for part in zip(*steps, strict=True)]
+        order = np.argsort(parts[0], kind="stable")
+        self._row, self._column, self._strip, self._step, self._sweep = (
+            part[order] for part in parts
         )
-        order = np.argsort(row, kind="stable")
-        self._row, self._column = row[order], column[order]
-        self._strip, self._step, self._sweep = strip[order], step[order], sweep[order]
         self._radius, self._shape = radius, plane.shape
 
     def open_share(self, rows: slice, columns: slice) -> torch.Tensor:
@@ -87,19 +90,13 @@ class Coverage:
         return torch.from_numpy(rate / (self._pitch[0] * self._pitch[1] * self._radius))
 
 
-def _cell_edges(plane: Plane, axis: int) -> Array:
-    n, p = plane.shape[axis], plane.pitch[axis]
-    return (np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5) * p + float(plane.centre[axis])
-
-
 def _integrate_along_piece(
     piece: Piece, sign: int, lines: list[Array]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array, Array]:
     """Divide a piece of a boundary at the grid's lines and integrate over each step.
 
-    Returns each step's row, its column, the integral of (x - left side of the cell) dy, the
-    integral of dy, and that of x dy - y dx. A step beyond the grid's right side has the column
-    after the last.
+    Returns each step's row and column, and the integrals of (x - left side of the cell) dy, of dy,
+    and of x dy - y dx. A step beyond the grid's right side has the column after the last.
     """
     count = [line.size - 1 for line in lines]
     cuts = [piece.crossings(axis, lines[axis]) for axis in (0, 1)]
@@ -140,14 +137,10 @@ def open_arcs(stop: Stop, r: float) -> list[Interval]:
                 for part in ((first, min(last, low)), (max(first, high), last))
                 if part[1] - part[0] > NEGLIGIBLE
             ]
-    return _join_arcs_at_zero(found)
-
-
-def _join_arcs_at_zero(arcs: list[Interval]) -> list[Interval]:
-    """Join the last arc and the first if they meet at the angle 0."""
-    if len(arcs) < 2 or arcs[0][0] > 0 or arcs[-1][1] < _FULL_CIRCLE[1]:
-        return arcs
-    return [*arcs[1:-1], (arcs[-1][0], arcs[0][1] + 2 * math.pi)]
+    if len(found) < 2 or found[0][0] > 0 or found[-1][1] < _FULL_CIRCLE[1]:
+        return found
+    # The last arc and the first meet at the angle 0.
+    return [*found[1:-1], (found[-1][0], found[0][1] + 2 * math.pi)]
 
 
 def _arcs_inside_shape(shape: Shape, r: float) -> list[Interval]:
@@ -155,7 +148,11 @@ def _arcs_inside_shape(shape: Shape, r: float) -> list[Interval]:
         return _arcs_inside_circle(shape, r)
     if len(shape.edges) > _FEW_EDGES and shape.is_star:
         return _arcs_inside_star(shape, r)
-    cuts = [a for p, q in shape.edges for a in _crossing_angles(p, q, r)]
+    cuts = [
+        math.atan2(y, x) % (2 * math.pi)
+        for p, q in shape.edges
+        for y, x in _edge_circle_intersections((0.0, 0.0), r * r, p, q)
+    ]
     ends = [0.0, *sorted(cuts), 2 * math.pi]
     return _merge_touching_arcs(
         [(a, b) for a, b in pairwise(ends) if _contains_point(shape, r, (a + b) / 2)]
@@ -192,9 +189,9 @@ def _arcs_inside_star(polygon: Polygon, r: float) -> list[Interval]:
 
 
 def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
-    """Tell whether a polygon contains one point, which has polar coordinates.
+    """Tell whether a polygon contains a point of polar coordinates.
 
-    `Polygon.contains` is slow for single points, and this function may be called a million times.
+    `Polygon.contains` is slow for single points, and this may be called a million times.
     """
     y, x = r * math.sin(angle), r * math.cos(angle)
     inside = False
@@ -229,14 +226,6 @@ def _arcs_inside_circle(circle: Circle, r: float) -> list[Interval]:
     return [(0.0, last - 2 * math.pi), (first, 2 * math.pi)]
 
 
-def _crossing_angles(p: Point, q: Point, r: float) -> list[float]:
-    """Return the angles at which an edge from p to q crosses the circle of radius r."""
-    return [
-        math.atan2(y, x) % (2 * math.pi)
-        for y, x in _edge_circle_intersections((0.0, 0.0), r * r, p, q)
-    ]
-
-
 def break_radii(stop: Stop) -> list[float]:
     """Return the radii, in rising order, between which the open arcs change smoothly."""
     shapes: tuple[Shape, ...] = (stop.opening, *stop.obscurations)
@@ -253,10 +242,9 @@ def break_radii(stop: Stop) -> list[float]:
 
 
 def _critical_radii(shape: Shape) -> list[float]:
-    """Return the radii of a shape's corners, and of the points of its edges nearest the axis.
+    """Return the radii of a shape's corners, and where its edges are tangent to a circle.
 
-    At such a point, the edge is tangent to a circle around the axis. A circular shape has the radii
-    of its nearest and its farthest point.
+    These circles stand around the axis. A disc has the radii of its nearest and farthest point.
     """
     if isinstance(shape, Circle):
         away = math.hypot(*shape.centre)
@@ -276,8 +264,9 @@ def outline_intersections(a: Shape, b: Shape) -> list[Point]:
         return _circle_intersections(a, b)
     if isinstance(a, Polygon) and isinstance(b, Polygon):
         return [m for p, q in a.edges for r, s in b.edges for m in _edge_intersections(p, q, r, s)]
-    circle, polygon = (a, b) if isinstance(a, Circle) else (b, a)
-    assert isinstance(circle, Circle)
+    if isinstance(a, Polygon):
+        return outline_intersections(b, a)
+    circle, polygon = a, b
     assert isinstance(polygon, Polygon)
     return [
         m

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -43,15 +44,14 @@ class RowBand:
     def heights(self, angle: Array) -> Array:
         """Return heights that cluster at both ends of the band, for angles -pi/2 to pi/2.
 
-        Where a curve's end is tangent to a row, the stretches still change smoothly in the angle.
+        Where a curve is tangent to a row, the stretches still change smoothly in the angle.
         """
         return (self.low + self.high) / 2 + (self.high - self.low) / 2 * np.sin(angle)
 
     def slope(self, down: float, along: float) -> float:
         """Bound how fast the phase of an integral along the rows changes, radians per radian.
 
-        down, along: the steepest slopes of the integrand's phase in y and x, radians per stop
-            radius.
+        down, along: the steepest slopes of the phase in y and x, radians per stop radius.
         """
         angle = np.linspace(-math.pi / 2, math.pi / 2, _SAMPLES + 1)
         y, step = self.heights(angle), math.pi / _SAMPLES
@@ -97,7 +97,11 @@ class Rows:
 def row_bands(stop: Stop) -> list[RowBand]:
     """Divide a stop into bands of rows, in each of which the same curves cut the rows."""
     shapes = (stop.opening, *stop.obscurations)
-    breaks = [y for shape in shapes for y in _break_heights(shape)]
+    breaks: list[float] = []
+    for shape in shapes:
+        # A shape's corners, or a disc's lowest and highest point.
+        places = shape.extent if isinstance(shape, Circle) else shape.corners
+        breaks += [y for y, _ in places]
     breaks += [y for a, b in combinations(shapes, 2) for y, _ in outline_intersections(a, b)]
     low, high = (end[0] for end in stop.opening.extent)
     kept = [low]
@@ -136,13 +140,6 @@ def quadrature_rows(bands: list[RowBand], down: float, along: float, tol: float)
     )
 
 
-def _break_heights(shape: Shape) -> list[float]:
-    """Return the heights of a shape's corners, or of a disc's lowest and highest point."""
-    if isinstance(shape, Circle):
-        return [shape.centre[0] - shape.radius, shape.centre[0] + shape.radius]
-    return [y for y, _ in shape.corners]
-
-
 def _open_stretches(stop: Stop, low: float, high: float) -> tuple[tuple[Curve, Curve], ...]:
     """Return the curves between which rows from `low` to `high` are open, from left to right."""
     middle = np.array([(low + high) / 2])
@@ -164,29 +161,21 @@ def _curves_at(shape: Shape, y: float) -> Iterator[Curve]:
     """Yield the pieces of a shape's boundary that a row at height y crosses."""
     if isinstance(shape, Circle):
         if abs(y - shape.centre[0]) < shape.radius:
-            yield _half_circle(shape, -1.0)
-            yield _half_circle(shape, 1.0)
+            yield partial(_half_circle, shape, -1.0)
+            yield partial(_half_circle, shape, 1.0)
         return
     for start, end in shape.edges:
         if (start[0] > y) != (end[0] > y):
-            yield _straight_edge(start, end)
+            yield partial(_straight_edge, start, end)
 
 
-def _half_circle(circle: Circle, side: float) -> Curve:
+def _half_circle(circle: Circle, side: float, y: Array) -> Array:
     (cy, cx), radius = circle.centre, circle.radius
-
-    def curve(y: Array) -> Array:
-        # The product keeps the digits of rows near the top and the bottom.
-        below, above = radius - (y - cy), radius + (y - cy)
-        return np.asarray(cx + side * np.sqrt(np.maximum(below * above, 0.0)))
-
-    return curve
+    # The product keeps the digits of rows near the top and the bottom.
+    below, above = radius - (y - cy), radius + (y - cy)
+    return np.asarray(cx + side * np.sqrt(np.maximum(below * above, 0.0)))
 
 
-def _straight_edge(start: Point, end: Point) -> Curve:
+def _straight_edge(start: Point, end: Point, y: Array) -> Array:
     (y0, x0), (y1, x1) = start, end
-
-    def curve(y: Array) -> Array:
-        return np.asarray(x0 + (y - y0) * ((x1 - x0) / (y1 - y0)))
-
-    return curve
+    return np.asarray(x0 + (y - y0) * ((x1 - x0) / (y1 - y0)))

@@ -23,10 +23,8 @@ def electron_rate(
 ) -> float:
     """Compute the photo-electrons that a diffuse object causes, per second and m² of sensor.
 
-    radiance: W / (sr m² m), per metre of wavelength.
-    bandwidth: metres of wavelength.
-    distance: metres from the object to the panel; it matters where the lens stands apart from the
-        panel.
+    radiance: W / (sr m² m), per metre of wavelength. bandwidth: metres of wavelength.
+    distance: metres from the object to the panel; it matters where the lens stands apart from it.
 
     The camera equation is E = L A / z², where A is the area that stop and panel leave open, and z
     the image distance. Photons have the energy h c / wavelength. The equation holds near the axis,
@@ -84,7 +82,7 @@ def neutral_panel_otf(
 ) -> Array:
     """Compute the OTF of lens and neutral panel without the pixels; 1 at frequency 0.
 
-    The OTF is real and may be negative. The parameters are those of system_mtf(). The pupil is the
+    It is real and may be negative; the parameters are those of system_mtf(). The pupil is the
     intersection of the lens' round stop and the panel's rectangle, projected from the object's
     point into the lens' plane. Its autocorrelation at a shift of λ z f (Goodman, Introduction to
     Fourier Optics, 6.3) is integrated along x in closed form, and along y by Gauss' rule; defocus

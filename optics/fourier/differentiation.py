@@ -18,29 +18,6 @@ def apply_function(function: Any, *arguments: Any) -> Any:
     return function.apply(*arguments)
 
 
-def apply_linear_map(forward: Apply, adjoint: Apply, field: torch.Tensor) -> torch.Tensor:
-    """Apply a linear map with its adjoint as the derivative.
-
-    It is differentiable to any order; neither function needs derivatives of its own.
-    """
-    if not records_gradient(field):
-        return forward(field.detach())
-    return apply_function(_Linear, forward, adjoint, field)
-
-
-class _Linear(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, forward: Apply, adjoint: Apply, field: torch.Tensor) -> torch.Tensor:
-        ctx.maps, ctx.dtype = (adjoint, forward), field.dtype
-        return forward(field)
-
-    @staticmethod
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        # The adjoint's derivative is the map, and so on.
-        adjoint, forward = ctx.maps
-        return None, None, apply_linear_map(adjoint, forward, gradient).to(ctx.dtype)
-
-
 def differentiate_once(
     what: str, derivative: torch.Tensor, inputs: Sequence[torch.Tensor]
 ) -> torch.Tensor:
@@ -118,6 +95,14 @@ class ShapedMap:
         if not records_gradient(field, *numbers):
             return self.forward(field.detach())
         return apply_function(_Shaped, self, field, *numbers)
+
+
+def apply_linear_map(forward: Apply, adjoint: Apply, field: torch.Tensor) -> torch.Tensor:
+    """Apply a linear map with its adjoint as the derivative.
+
+    It is differentiable to any order; neither function needs derivatives of its own.
+    """
+    return ShapedMap(forward, adjoint, lambda _: ())(field, ())
 
 
 class _Shaped(torch.autograd.Function):

@@ -202,8 +202,8 @@ def _workers(x: torch.Tensor) -> int:
 def fft_operations(length: int) -> float:
     """Count the floating-point operations of one complex FFT, to predict its time.
 
-    It is the usual 5 n log2 n where the length has small prime factors. Each larger one takes about
-    n times its own size, up to what the convolution of Bluestein's algorithm takes instead.
+    They are 5 n log2 n where the length has small prime factors. Each larger one takes about n
+    times its own size, up to what the convolution of Bluestein's algorithm takes instead.
     """
     rest, digits = length, math.log2(max(length, 2))
     for factor in _FACTOR_COSTS:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
 from optics.fourier.fft import fft, fft_operations
+from optics.fourier.fitted_interpolation import interpolation_width
 from optics.fourier.separable import AxisRule, SeparableTransform
 from optics.fourier.transform import FourierGeometry
 
@@ -28,15 +29,6 @@ _RULE_CALLS, _KERNELS_PER_TAP = 1.5, 2.0
 sample is spread to; measured."""
 
 
-def spread_width(error: float) -> int:
-    """Return over how many grid points each sample is spread for a relative error.
-
-    The error of a Kaiser-Bessel kernel of width w is about exp(-pi w sqrt(1 - 1/oversampling))
-    (Barnett, Magland and af Klinteberg 2019, 10.1137/18M120885X). One more point is a margin.
-    """
-    return math.ceil(-math.log(error) / (math.pi * math.sqrt(1 - 1 / _FINER))) + 1
-
-
 class _GriddedRule(AxisRule):
     """Spreads samples onto a finer grid and divides its FFT by the kernel's spectrum, on one axis.
 
@@ -49,7 +41,7 @@ class _GriddedRule(AxisRule):
     ) -> None:
         n = position.size
         self._length = grid_length(m)
-        width = spread_width(error)
+        width = interpolation_width(1 / _FINER, error)
         half, beta = width / 2, math.pi * width * (1 - 0.5 / _FINER)
         place = (position - np.round(position)) * self._length
         taps = np.ceil(place - half)[:, None] + np.arange(width)
@@ -72,11 +64,8 @@ class _GriddedRule(AxisRule):
 
     def to(self, device: torch.device) -> None:
         if self._deapodisation.device != device:
-            self._deapodisation, self._output_index = (
-                self._deapodisation.to(device),
-                self._output_index.to(device),
-            )
-            self._on_device = {}
+            self._deapodisation = self._deapodisation.to(device)
+            self._output_index, self._on_device = self._output_index.to(device), {}
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         spectrum = fft(self._apply_matrix(field, spread=True), self._length, -2)
@@ -102,20 +91,12 @@ class _GriddedRule(AxisRule):
             product: NDArray[Any] = matrix @ lines.numpy()
             return torch.from_numpy(product)
         if spread not in self._on_device:
-            self._on_device[spread] = _sparse(matrix, lines.device)
+            coo = matrix.tocoo()
+            index = torch.from_numpy(np.stack(coo.coords).astype(np.int64))
+            values = torch.from_numpy(coo.data)
+            sparse = torch.sparse_coo_tensor(index, values, coo.shape, check_invariants=False)
+            self._on_device[spread] = sparse.coalesce().to(lines.device)
         return torch.sparse.mm(self._on_device[spread], lines)
-
-
-def _sparse(matrix: Any, device: torch.device) -> torch.Tensor:
-    """Convert a scipy matrix to torch, for devices other than the CPU."""
-    coo = matrix.tocoo()
-    index = torch.from_numpy(np.stack(coo.coords).astype(np.int64))
-    values = torch.from_numpy(coo.data)
-    return (
-        torch.sparse_coo_tensor(index, values, coo.shape, check_invariants=False)
-        .coalesce()
-        .to(device)
-    )
 
 
 def grid_length(m: int) -> int:
@@ -150,12 +131,22 @@ class GriddedTransform(SeparableTransform):
     """
 
     name = "gridded FFT"
+    bytes = 0
 
     def __init__(self, geometry: FourierGeometry, dtype: torch.dtype, error: float = 1e-7) -> None:
         super().__init__(geometry, dtype)
         if not FINEST_GRIDDING <= error < 1:
             raise ValueError(f"error is {error:g}; gridding reaches {FINEST_GRIDDING:g} to 1")
         self.error = error
+        self._width = interpolation_width(1 / _FINER, error)
+        (ny, nx), (my, mx), (columns, rows) = (
+            geometry.pupil.shape,
+            geometry.image.shape,
+            self._lines,
+        )
+        self._grids = grid_length(my), grid_length(mx)
+        largest = max(self._grids[0] * columns, self._grids[1] * rows)
+        self.bytes = dtype.itemsize * (2 * largest + 2 * self._width * (ny + nx))
 
     def build_axis_rule(self, axis: int) -> AxisRule:
         """Build the rule of spreading and dividing along axis 0 (y) or 1 (x)."""
@@ -163,31 +154,20 @@ class GriddedTransform(SeparableTransform):
         turns = g.pupil_offsets(axis).numpy() * (g.image.pitch[axis] / g.scale)
         return _GriddedRule(turns, g.image.shape[axis], self.error, self.dtype)
 
-    def _grids(self) -> list[int]:
-        return [grid_length(m) for m in self.geometry.image.shape]
-
-    @property
-    def bytes(self) -> int:
-        """Bytes of the largest arrays."""
-        (ny, nx), width = self.geometry.pupil.shape, spread_width(self.error)
-        grids = (a * b for a, b in zip(self._grids(), self.lines(), strict=True))
-        return self.dtype.itemsize * (2 * max(grids) + 2 * width * (ny + nx))
-
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the seconds of making the kernels, at the first call."""
-        taps = spread_width(self.error) * sum(self.geometry.pupil.shape)
+        taps = self._width * sum(self.geometry.pupil.shape)
         return 2 * _RULE_CALLS * speed.call + _KERNELS_PER_TAP * taps * speed.bessel
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of one call at a machine's speed."""
-        width = spread_width(self.error)
-        spread = width * sum(
-            n * count for n, count in zip(self.geometry.pupil.shape, self.lines(), strict=True)
+        (ny, nx), (down, along), (columns, rows) = (
+            self.geometry.pupil.shape,
+            self._grids,
+            self._lines,
         )
-        each = zip(self._grids(), self.lines(), strict=True)
-        operations = sum(count * fft_operations(length) for length, count in each)
-        touched = sum(grid * count for grid, count in zip(self._grids(), self.lines(), strict=True))
+        spread = self._width * (ny * columns + nx * rows)
+        operations = columns * fft_operations(down) + rows * fft_operations(along)
+        touched = down * columns + along * rows
         seconds = spread * speed.gridding + operations * speed.fft + 2 * touched * speed.touch
-        return (
-            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
-        )
+        return speed.call + seconds * speed.slowdown(self.dtype) + self.allocation_seconds(speed)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
 from optics.fourier.fft import fft_operations
+from optics.fourier.fitted_interpolation import interpolation_width
 from optics.fourier.transform import Transform
 from optics.plane import Plane
 
@@ -133,11 +134,6 @@ class NonuniformTransform(Transform):
     def _as_complex128_array(self, field: torch.Tensor) -> NDArray[np.complex128]:
         return field.detach().cpu().to(torch.complex128).resolve_conj().numpy()
 
-    @staticmethod
-    def width(error: float) -> int:
-        """Return over how many grid points per axis finufft spreads each point."""
-        return max(2, math.ceil(-math.log10(error)) + 1)
-
     @property
     def bytes(self) -> int:
         """Bytes of the largest arrays."""
@@ -162,12 +158,11 @@ def nonuniform_seconds(
 ) -> float:
     """Predict the processor time in seconds for a number of points, before anything is built."""
     oversampling = _COARSE_OVERSAMPLING if few_points else _OVERSAMPLING
-    width = NonuniformTransform.width(error)
+    # Over how many grid points per axis finufft spreads each point.
+    width = math.ceil(-math.log10(error)) + 1
     if few_points:
-        # The error of finufft's kernel of width w is exp(-pi w sqrt(1 - 1 / oversampling)).
-        width = max(
-            2, math.ceil(-math.log(error) / (math.pi * math.sqrt(1 - 1 / oversampling))) + 1
-        )
+        width = interpolation_width(1 / oversampling, error)
+    width = max(2, width)
     rows, columns = (math.ceil(oversampling * n) for n in image.shape)
     transform = rows * fft_operations(columns) + columns * fft_operations(rows)
     spread = points * (speed.point + width**2 * speed.spread)

@@ -45,14 +45,13 @@ class SeparableTransform(PlaneTransform):
 
     def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
         super().__init__(geometry, dtype)
+        # How many lines of samples are transformed along y and along x.
+        self._lines = geometry.pupil.shape[1], geometry.image.shape[0]
         self._rules: tuple[AxisRule, AxisRule] | None = None
 
     @cached_property
     def _pupil_phases(self) -> tuple[torch.Tensor | None, ...]:
-        """Phases over the pupil along y and x for an off-centre image.
-
-        They are computed at the first call, since many transforms are only asked for their cost.
-        """
+        """Phases over the pupil along y and x for an off-centre image, made at the first call."""
         return tuple(self.geometry.pupil_tilt(axis, self.dtype) for axis in (0, 1))
 
     @cached_property
@@ -103,10 +102,6 @@ class SeparableTransform(PlaneTransform):
         return self._adjoint_axis(
             self._adjoint_axis(field.mT.contiguous(), 1, x).mT.contiguous(), 0, y
         )
-
-    def lines(self) -> tuple[int, int]:
-        """Return how many lines of samples are transformed along y and along x."""
-        return self.geometry.pupil.shape[1], self.geometry.image.shape[0]
 
 
 class _ChirpRule(AxisRule):
@@ -163,32 +158,27 @@ class ChirpTransform(SeparableTransform):
     """
 
     name = "chirp-Z"
+    bytes = 0
+
+    def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
+        super().__init__(geometry, dtype)
+        (ny, nx), (my, mx) = geometry.pupil.shape, geometry.image.shape
+        self._lengths = chirp_length(ny, my), chirp_length(nx, mx)
+        (down, along), (columns, rows) = self._lengths, self._lines
+        self.bytes = dtype.itemsize * 3 * max(down * columns, along * rows)
 
     def build_axis_rule(self, axis: int) -> AxisRule:
         """Build the convolution along axis 0 (y) or 1 (x)."""
         g = self.geometry
         return _ChirpRule(g.pupil.shape[axis], g.image.shape[axis], g.step(axis), self.dtype)
 
-    def _lengths(self) -> list[int]:
-        sides = zip(self.geometry.pupil.shape, self.geometry.image.shape, strict=True)
-        return [chirp_length(n, m) for n, m in sides]
-
-    @property
-    def bytes(self) -> int:
-        """Bytes of the largest arrays."""
-        sizes = (a * b for a, b in zip(self._lengths(), self.lines(), strict=True))
-        return self.dtype.itemsize * 3 * max(sizes)
-
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of one call at a machine's speed."""
-        each = zip(self._lengths(), self.lines(), strict=True)
-        sizes = [(length, count) for length, count in each]
-        operations = sum(2 * count * fft_operations(length) for length, count in sizes)
-        touched = 3 * sum(count * length for length, count in sizes)
+        (down, along), (columns, rows) = self._lengths, self._lines
+        operations = 2 * columns * fft_operations(down) + 2 * rows * fft_operations(along)
+        touched = 3 * (columns * down + rows * along)
         seconds = operations * speed.fft + touched * speed.touch
-        return (
-            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
-        )
+        return speed.call + seconds * speed.slowdown(self.dtype) + self.allocation_seconds(speed)
 
 
 def commensurate_length(geometry: FourierGeometry, axis: int) -> int:
@@ -260,48 +250,42 @@ class CommensurateTransform(SeparableTransform):
     """
 
     name = "folded or pruned FFT"
+    bytes = 0
 
     def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
         super().__init__(geometry, dtype)
-        self._lengths = [commensurate_length(geometry, axis) for axis in (0, 1)]
+        self._lengths = commensurate_length(geometry, 0), commensurate_length(geometry, 1)
         if 0 in self._lengths:
             raise ValueError(
                 "one over the step of this geometry isn't a whole number; use the chirp-Z transform"
             )
+        (down, along), (columns, rows) = self._lengths, self._lines
+        self.bytes = dtype.itemsize * 2 * max(down * columns, along * rows)
 
     @staticmethod
     def is_commensurate(geometry: FourierGeometry) -> bool:
         """Tell whether one over the step is whole along both axes."""
-        return all(commensurate_length(geometry, axis) for axis in (0, 1))
+        return bool(commensurate_length(geometry, 0) and commensurate_length(geometry, 1))
 
     def build_axis_rule(self, axis: int) -> AxisRule:
         """Build the rule of one FFT along axis 0 (y) or 1 (x)."""
         n, m = self.geometry.pupil.shape[axis], self.geometry.image.shape[axis]
         return _CommensurateRule(n, m, self._lengths[axis], self.dtype)
 
-    @property
-    def bytes(self) -> int:
-        """Bytes of the largest arrays."""
-        sizes = (a * b for a, b in zip(self._lengths, self.lines(), strict=True))
-        return self.dtype.itemsize * 2 * max(sizes)
-
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of one call at a machine's speed."""
-        each = zip(self._lengths, self.lines(), strict=True)
-        operations = sum(count * fft_operations(length) for length, count in each)
-        (ny, nx), (_, mx) = self.geometry.pupil.shape, self.geometry.image.shape
-        made = self._samples_made()
-        touched = 2 * ny * (nx + mx) + sum(made)
-        seconds = operations * speed.fft + touched * speed.touch
-        new = sum(max(self.dtype.itemsize * count - RETAINED_BYTES, 0) for count in made)
-        return speed.call + seconds * self.precision_slowdown(speed) + new * speed.fresh
-
-    def _samples_made(self) -> list[int]:
-        """Count the samples of each array that a call makes."""
-        g, found = self.geometry, []
-        for axis, (count, length) in enumerate(zip(self.lines(), self._lengths, strict=True)):
+        g, operations, new = self.geometry, 0.0, 0
+        (ny, nx), (_, mx) = g.pupil.shape, g.image.shape
+        touched = 2 * ny * (nx + mx)
+        for axis, (count, length) in enumerate(zip(self._lines, self._lengths, strict=True)):
+            operations += count * fft_operations(length)
             n, m = g.pupil.shape[axis], g.image.shape[axis]
-            found += [count * length, count * m]
-            found += [count * n] if g.image.centre[axis] else []
-            found += [count * m] if g.pupil.centre[axis] else []
-        return found
+            # The samples of each line in each array that a call makes.
+            made = [length, m]
+            made += [n] if g.image.centre[axis] else []
+            made += [m] if g.pupil.centre[axis] else []
+            touched += count * sum(made)
+            for samples in made:
+                new += max(self.dtype.itemsize * count * samples - RETAINED_BYTES, 0)
+        seconds = operations * speed.fft + touched * speed.touch
+        return speed.call + seconds * speed.slowdown(self.dtype) + new * speed.fresh

@@ -91,8 +91,8 @@ class MirroredSpectrum(SpectrumGrid):
     """Computes a cosine transform of a field that is mirrored in its middle.
 
     The field's second half is given, with the middle sample of an odd number. Phases count from the
-    middle. The spectrum is even, so that the points from zero on are kept. The points of `grid`
-    must lie within half of the FFT's length.
+    middle. The spectrum is even, so that the points from zero on are kept; those of `grid` must lie
+    within half of the FFT's length.
     """
 
     @property

@@ -68,42 +68,22 @@ class FourierGeometry:
             )
 
     def step(self, axis: int) -> float:
-        """Compute the phase in turns per pupil sample and image sample along an axis.
+        """Compute the phase in turns per pupil sample and image sample along axis 0 (y) or 1 (x).
 
-        axis: 0 (y) or 1 (x).
-
-        Raises
-        ------
-        ValueError
-            For a pupil with unevenly spaced rows and columns.
+        Raises ValueError for a pupil with unevenly spaced rows and columns.
         """
         if isinstance(self.pupil, RectilinearGrid):
             raise ValueError("a pupil of uneven rows has no step; use the gridded transform")
         return self.pupil.pitch[axis] * self.image.pitch[axis] / self.scale
 
     def pupil_offsets(self, axis: int) -> torch.Tensor:
-        """Return the pupil's positions relative to its centre, metres.
-
-        The positions lie along an axis, 0 (y) or 1 (x), and are float64.
-        """
+        """Return the pupil's positions relative to its centre along an axis, metres, float64."""
         return self.pupil.coordinates(axis) - self.pupil.centre[axis]
 
     def pupil_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """Compute the phase factor over the pupil for an image that is off-axis.
+        """Compute the phasors over the pupil that shift the image to its off-axis centre.
 
-        The factor shifts the image to its off-axis centre.
-
-        Parameters
-        ----------
-        axis : int
-            0 (y) or 1 (x).
-        dtype : torch.dtype
-            complex64 or complex128.
-
-        Returns
-        -------
-        torch.Tensor or None
-            One phasor for each sample along the axis; None if the image is centred.
+        There is one for each sample along the axis; None if the image is centred.
         """
         centre = self.image.centre[axis]
         if centre == 0:
@@ -111,20 +91,7 @@ class FourierGeometry:
         return unit_phasor(-self.pupil_offsets(axis) * centre / self.scale, dtype)
 
     def image_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """Compute the phase factor over the image for a pupil that is off-axis.
-
-        Parameters
-        ----------
-        axis : int
-            0 (y) or 1 (x).
-        dtype : torch.dtype
-            complex64 or complex128.
-
-        Returns
-        -------
-        torch.Tensor or None
-            One phasor for each sample along the axis; None if the pupil is centred.
-        """
+        """Compute the phasors over the image for a pupil that is off-axis; None if it isn't."""
         centre = self.pupil.centre[axis]
         if centre == 0:
             return None
@@ -147,8 +114,7 @@ class Transform(CandidateMethod):
         F(u, v) = sum over (y, x) of f(y, x) exp(-2 pi i (y u + x v) / scale).
 
     Call it with a field ``(..., *pupil samples)``; the result is (..., rows, columns). It is
-    differentiable in the field. A transform is known by its name, its relative error beyond
-    rounding, the bytes it takes, and its predicted processor time.
+    differentiable in the field.
 
     Attributes
     ----------
@@ -200,27 +166,12 @@ class Transform(CandidateMethod):
     ) -> torch.Tensor:
         """Transform a field from the pupil to the image plane.
 
-        Parameters
-        ----------
-        field : torch.Tensor
-            ``(..., *pupil samples)``.
-        stretch : torch.Tensor, optional
-            A 0-d tensor of value 1, given for its derivative only. The derivatives with respect to
-            it and to `shift` are those of F(u, v) = sum of f(y, x)
+        field: ``(..., *pupil samples)``; the result is complex, (..., rows, columns) of the image.
+        stretch, shift: 0-d tensors of the values 1 and (0, 0), given for their derivatives only,
+            which are those of F(u, v) = sum of f(y, x)
             exp(-2 pi i stretch (y (u + shift_y) + x (v + shift_x)) / scale). The derivatives with
             respect to wavelength, distance, focal length and position follow from them.
-        shift : tuple of torch.Tensor, optional
-            Two 0-d tensors (y, x) of value 0, given for their derivatives only.
-
-        Returns
-        -------
-        torch.Tensor
-            Complex, (..., rows, columns) of the image.
-
-        Raises
-        ------
-        ValueError
-            For a field whose samples aren't those of the pupil.
+        Raises ValueError for a field whose samples aren't those of the pupil.
         """
         self._require_samples(field)
         field = field.to(self.dtype)
@@ -229,18 +180,14 @@ class Transform(CandidateMethod):
         zero = torch.zeros((), dtype=torch.float64)
         y, x = shift or (zero, zero)
         one = torch.ones_like(zero) if stretch is None else stretch
-        return self._shaped_map()(field, (one, y, x))
+        return ShapedMap(self._forward, self._adjoint, self._derive)(field, (one, y, x))
 
-    def _shaped_map(self) -> ShapedMap:
-        """Return the map as a function of `stretch` and both parts of `shift` as well."""
-
-        def derive(same: ShapedMap) -> Derivatives:
-            y, x = (position * (-2j * math.pi / self.scale) for position in self.positions())
-            u, v = (self.image.coordinates(axis) for axis in (0, 1))
-            stretch: list[Term] = [(u[:, None], same, y), (v[None, :], same, x)]
-            return [stretch, [(1.0, same, y)], [(1.0, same, x)]]
-
-        return ShapedMap(self._forward, self._adjoint, derive)
+    def _derive(self, same: ShapedMap) -> Derivatives:
+        """Return the derivatives of the map in `stretch` and in both parts of `shift`."""
+        y, x = (position * (-2j * math.pi / self.scale) for position in self.positions())
+        u, v = (self.image.coordinates(axis) for axis in (0, 1))
+        stretch: list[Term] = [(u[:, None], same, y), (v[None, :], same, x)]
+        return [stretch, [(1.0, same, y)], [(1.0, same, x)]]
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """Apply the conjugate transpose, from the image back to the pupil."""
@@ -272,10 +219,6 @@ class PlaneTransform(Transform):
     def allocation_seconds(self, speed: MachineSpeed) -> float:
         """Predict the seconds that each call spends on new memory."""
         return max(self.bytes - RETAINED_BYTES, 0) * speed.fresh
-
-    def precision_slowdown(self, speed: MachineSpeed) -> float:
-        """Return the time per operation relative to single precision."""
-        return speed.double if self.dtype == torch.complex128 else 1.0
 
 
 def _require_shape(plane: Plane | RectilinearGrid, field: torch.Tensor) -> None:

@@ -32,9 +32,16 @@ class MatrixTransform(PlaneTransform):
     """
 
     name = "matrix DFT"
+    bytes = 0
 
     def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
         super().__init__(geometry, dtype)
+        (ny, nx), (my, mx) = geometry.pupil.shape, geometry.image.shape
+        rows_first, columns_first = my * nx * (ny + mx), ny * mx * (nx + my)
+        self._rows_first = rows_first <= columns_first
+        self._products = min(rows_first, columns_first)
+        between = my * nx if self._rows_first else ny * mx
+        self.bytes = dtype.itemsize * (my * ny + mx * nx + between + my * mx)
         self._matrices: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def _kernel(self, axis: int) -> torch.Tensor:
@@ -63,28 +70,11 @@ class MatrixTransform(PlaneTransform):
         rows, columns = self._kernels(field.device)
         return rows.mH @ field @ columns.conj()
 
-    @property
-    def _rows_first(self) -> bool:
-        (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
-        return my * nx * (ny + mx) <= ny * mx * (nx + my)
-
-    def _products(self) -> int:
-        """Count the complex multiplications of both products."""
-        (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
-        return min(my * nx * (ny + mx), ny * mx * (nx + my))
-
-    @property
-    def bytes(self) -> int:
-        """Bytes of the largest arrays."""
-        (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
-        between = my * nx if self._rows_first else ny * mx
-        return self.dtype.itemsize * (my * ny + mx * nx + between + my * mx)
-
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of one call at a machine's speed."""
         touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
-        products = 4 * self._products() * speed.multiply_add + touched * speed.touch
-        seconds = products * self.precision_slowdown(speed) + self.allocation_seconds(speed)
+        products = 4 * self._products * speed.multiply_add + touched * speed.touch
+        seconds = products * speed.slowdown(self.dtype) + self.allocation_seconds(speed)
         return speed.call + seconds
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
@@ -157,6 +147,8 @@ def plan_transform(
         If the named transform isn't valid for the geometry.
     """
     what = f"a transform from {geometry.pupil.shape} to {geometry.image.shape} samples"
-    valid = {one.name: one for one in valid_transforms(geometry, dtype, error)}
-    chosen = [valid[name] for name in select_methods(valid, method, what)]
-    return cheapest_candidate(chosen, budget or Budget(), what)
+    valid = valid_transforms(geometry, dtype, error)
+    if method is not None:
+        names = [one.name for one in valid]
+        valid = [valid[names.index(name)] for name in select_methods(names, method, what)]
+    return cheapest_candidate(valid, budget or Budget(), what)

@@ -7,14 +7,12 @@ import math
 import torch
 
 from optics.accuracy import MachineSpeed
-from optics.fourier import CommensurateTransform, FourierGeometry, NonuniformTransform, unit_phasor
+from optics.fourier import FourierGeometry, NonuniformTransform, plan_transform, unit_phasor
 from optics.fourier.nonuniform import FINEST_NUFFT, nonuniform_bytes, nonuniform_seconds
-from optics.fourier.transform import PlaneTransform
 from optics.plane import Plane
 from optics.propagation.band import FrequencyBand, resolved_band
 from optics.propagation.spectral_propagator import (
     SpectralPropagator,
-    cheapest_transform,
     times,
     transform_error_share,
 )
@@ -36,23 +34,22 @@ class ScaledAngularSpectrum(SpectralPropagator):
 
     def _candidate_pitches(self) -> list[tuple[float, float]]:
         source, target = self._numeric_span.source.pitch, self._numeric_span.target.pitch
-        common = tuple(common_multiple(p, q) for p, q in zip(source, target, strict=True))
-        pitches = [source, target, (common[0] or source[0], common[1] or source[1])]
-        return list(dict.fromkeys(pitches))
+        y, x = (common_multiple(source[axis], target[axis]) or source[axis] for axis in (0, 1))
+        return list(dict.fromkeys([source, target, (y, x)]))
 
 
 class BandLimitedAngularSpectrum(SpectralPropagator):
     """Use the band-limited angular spectrum between planes of one pitch.
 
     Matsushima and Shimobaba (2009, 10.1364/OE.17.019662) cut the spectrum where the transfer
-    function is sampled too coarsely. Here the cut follows from the target, and the period from the
-    cut, so that the error is bounded (optics.propagation.band). FFTs are padded to the period, and
-    only frequencies whose rays reach the target are kept.
+    function is sampled too coarsely. Here the cut follows from the target, and the period, to which
+    FFTs are padded, from the cut, so that the error is bounded (optics.propagation.band).
 
     Raises ValueError for planes of two pitches, and ToleranceError if some rays are grazing.
     """
 
     name = "band-limited angular spectrum"
+    commensurate = True
 
     def _require_applicable(self) -> None:
         super()._require_applicable()
@@ -62,9 +59,6 @@ class BandLimitedAngularSpectrum(SpectralPropagator):
                 f"{self.name} serves planes of one pitch, and they are {pitches[0]} and "
                 f"{pitches[1]} m; use the scaled angular spectrum"
             )
-
-    def _transform(self, geometry: FourierGeometry) -> PlaneTransform:
-        return CommensurateTransform(geometry, self.dtype)
 
 
 class AngularSpectrum(BandLimitedAngularSpectrum):
@@ -159,27 +153,27 @@ class TiltedAngularSpectrum(SpectralPropagator):
     """
 
     name = "tilted angular spectrum"
+    search_calls = 40
 
     def _require_applicable(self) -> None:
         # Raises ValueError where the tilt turns the target through the source's plane.
         self.span.nearest_target_distance()
         self.paraxial = self.span.paraxial
 
-    def _plan(self) -> None:
+    def _plan(self) -> float:
         n = self._numeric_span
         self.frequencies = self._frequencies(n.source.pitch)
         rows, columns = self.frequencies.shape
-        self._require_memory(float(rows) * columns)
-        self._to_spectrum = cheapest_transform(
-            FourierGeometry(n.source, self.frequencies, 1.0), self.dtype, n
+        self._frequency_count = rows * columns
+        self._require_memory(3 * self.dtype.itemsize * (float(rows) * columns))
+        geometry = FourierGeometry(n.source, self.frequencies, 1.0)
+        self._to_spectrum = plan_transform(
+            geometry, self.dtype, n.budget, error=transform_error_share(n)
         )
         self._nufft_error = max(transform_error_share(n), FINEST_NUFFT)
         # The plane is centred at 0, because the waves' phases refer to the target's centre.
         self._image = Plane(n.target.shape, n.target.pitch)
         self._cached_nufft: NonuniformTransform | None = None
-        self._parts = []
-
-    def _transform_error(self) -> float:
         return self._to_spectrum.error + self._nufft_error
 
     def _propagating_indices(self) -> torch.Tensor:
@@ -195,22 +189,19 @@ class TiltedAngularSpectrum(SpectralPropagator):
 
     def _tilted_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return (f'_y, f'_x) on the tilted target, within the range that its samples resolve."""
-        y, x = self._wave_frequencies()
-        parts = [
-            self._tilted_block(*block)
-            for block in zip(*(torch.split(f, _BLOCK_WAVES) for f in (y, x)), strict=True)
-        ]
-        down, along = zip(*parts, strict=True) if parts else ((y,), (x,))
-        return torch.cat(down), torch.cat(along)
-
-    def _tilted_block(self, y: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        a, b = self._numeric_span.tilt
-        w = axial_frequency(y, x, self._numeric_span.wavelength, paraxial=self.paraxial)
-        turned_y = y * math.cos(a) + x * (math.sin(a) * math.sin(b))
-        turned_y = turned_y + w * (math.sin(a) * math.cos(b))
-        turned_x = x * math.cos(b) - w * math.sin(b)
-        q = self._image.pitch
-        return _wrap_frequency(turned_y, 1 / q[0]), _wrap_frequency(turned_x, 1 / q[1])
+        all_y, all_x = self._wave_frequencies()
+        n, q = self._numeric_span, self._image.pitch
+        a, b = n.tilt
+        for first in range(0, all_y.numel(), _BLOCK_WAVES):
+            block = slice(first, first + _BLOCK_WAVES)
+            y, x = all_y[block], all_x[block]
+            w = axial_frequency(y, x, n.wavelength, paraxial=self.paraxial)
+            turned_y = y * math.cos(a) + x * (math.sin(a) * math.sin(b))
+            turned_y = turned_y + w * (math.sin(a) * math.cos(b))
+            turned_x = x * math.cos(b) - w * math.sin(b)
+            all_y[block] = _wrap_frequency(turned_y, 1 / q[0])
+            all_x[block] = _wrap_frequency(turned_x, 1 / q[1])
+        return all_y, all_x
 
     def _wave_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return (f_y, f_x) of the plane waves that are summed on the tilted target."""
@@ -233,11 +224,8 @@ class TiltedAngularSpectrum(SpectralPropagator):
     def bytes(self) -> int:
         points = self._frequency_count
         # Computing a frequency's position on the tilted plane takes 120 bytes.
-        return (
-            self._filter_bytes(self.frequencies)
-            + max(self._to_spectrum.bytes, 120 * points)
-            + nonuniform_bytes(points, self._image)
-        )
+        steps = max(self._to_spectrum.bytes, 120 * points) + nonuniform_bytes(points, self._image)
+        return self._filter_bytes(self.frequencies) + steps
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         waves = _TOUCHES_PER_WAVE * self._frequency_count * speed.touch

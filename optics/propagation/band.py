@@ -48,7 +48,6 @@ def edge_exponent(epsilon: float) -> float:
     return exponent
 
 
-@dataclass(frozen=True)
 class FrequencyTaper:
     """A smooth low-pass step in spatial frequency, whose width suits the slope of the rays.
 
@@ -57,37 +56,21 @@ class FrequencyTaper:
     epsilon: the share of the light that may be lost.
     """
 
-    last_full_frequency: float
-    ray_slope: float
-    epsilon: float
-
-    @property
-    def delta(self) -> float:
-        return math.sqrt(2 * edge_exponent(self.epsilon) / (math.pi * self.ray_slope))
-
-    @property
-    def sigma(self) -> float:
-        return 1 / math.sqrt(2 * math.pi * self.ray_slope)
-
-    @property
-    def centre(self) -> float:
-        return self.last_full_frequency + self.delta
-
-    @property
-    def stop_frequency(self) -> float:
+    def __init__(self, last_full_frequency: float, ray_slope: float, epsilon: float) -> None:
+        delta = math.sqrt(2 * edge_exponent(epsilon) / (math.pi * ray_slope))
+        self.last_full_frequency = last_full_frequency
+        self._sigma = 1 / math.sqrt(2 * math.pi * ray_slope)
+        self._centre = last_full_frequency + delta
+        self.stop_frequency = self._centre + delta
         """The frequency from which on no light passes."""
-        return self.centre + self.delta
-
-    @property
-    def end(self) -> float:
+        self.end = self._centre + math.sqrt(2 * math.log(2 / epsilon)) * self._sigma
         """The frequency at which the taper is down to a twentieth of epsilon.
 
         It follows from erfc(t) ~ exp(-t²) / (t sqrt(pi)).
         """
-        return self.centre + math.sqrt(2 * math.log(2 / self.epsilon)) * self.sigma
 
     def __call__(self, frequency: torch.Tensor) -> torch.Tensor:
-        return torch.erfc((frequency - self.centre) / (math.sqrt(2) * self.sigma)) / 2
+        return torch.erfc((frequency - self._centre) / (math.sqrt(2) * self._sigma)) / 2
 
 
 @dataclass(frozen=True)
@@ -106,24 +89,9 @@ class AxisBand:
     above: FrequencyTaper | None = None
 
     @property
-    def mirror_image(self) -> AxisBand:
-        low, high = self.passband
-        return AxisBand(-self.high, -self.low, (-high, -low), self.above, self.below)
-
-    @property
     def largest_passed_frequency(self) -> float:
         """The largest frequency that passes along this axis."""
         return max(map(abs, self.passband))
-
-    @property
-    def largest_target_frequency(self) -> float:
-        """The largest frequency along this axis of light that reaches the target."""
-        low, high = self.passband
-        if self.above:
-            high = min(high, self.above.last_full_frequency)
-        if self.below:
-            low = max(low, -self.below.last_full_frequency)
-        return max(abs(low), abs(high))
 
     def taper(self, frequency: torch.Tensor) -> torch.Tensor:
         value = torch.ones_like(frequency)
@@ -141,25 +109,34 @@ class FrequencyBand:
     axes: the bands along y and x.
     radial: a taper in the modulus of the frequency, for bands whose corners would contain grazing
         rays.
-    period: least distance of the replicas along (y, x), metres; the frequencies are 1 / period
-        apart, or closer.
     epsilon: share of the light that may be lost.
+    period: least distance of the replicas along (y, x), metres, at which none lights the target;
+        the frequencies are 1 / period apart, or closer.
     """
 
     axes: tuple[AxisBand, AxisBand]
     radial: FrequencyTaper | None
-    period: tuple[float, float]
     epsilon: float
+    period: tuple[float, float] = (math.inf, math.inf)
 
     @property
     def largest_target_frequency(self) -> float:
         """The largest modulus of a frequency that reaches the target."""
-        return math.hypot(*(axis.largest_target_frequency for axis in self.axes))
+        most = []
+        for axis in self.axes:
+            low, high = axis.passband
+            if axis.above:
+                high = min(high, axis.above.last_full_frequency)
+            if axis.below:
+                low = max(low, -axis.below.last_full_frequency)
+            most.append(max(abs(low), abs(high)))
+        return math.hypot(*most)
 
     @property
     def largest_frequency(self) -> float:
         """The largest modulus of a frequency in the band."""
-        corner = math.hypot(*(axis.largest_passed_frequency for axis in self.axes))
+        y, x = self.axes
+        corner = math.hypot(y.largest_passed_frequency, x.largest_passed_frequency)
         return min(corner, self.radial.stop_frequency) if self.radial else corner
 
 
@@ -169,12 +146,10 @@ def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
     Raises ToleranceError if some rays of the field are grazing.
     """
     axes = []
-    for carrier, band, pitch in zip(
-        span.carrier, span.half_bandwidths, span.source.pitch, strict=True
-    ):
-        passes = (carrier - band, carrier + band)
-        axes.append(AxisBand(carrier - 0.5 / pitch, carrier + 0.5 / pitch, passes))
-    return _with_period(span, (axes[0], axes[1]), None, 0.0)
+    for axis, (carrier, pitch) in enumerate(zip(span.carrier, span.source.pitch, strict=True)):
+        ends = carrier - 0.5 / pitch, carrier + 0.5 / pitch
+        axes.append(AxisBand(*ends, span.field_band(axis)))
+    return _with_period(span, FrequencyBand((axes[0], axes[1]), None, 0.0))
 
 
 def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
@@ -183,121 +158,88 @@ def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
     epsilon: largest share of the source's light that may be lost or come from replicas.
     Raises ToleranceError if some rays to the target are grazing.
     """
-    rays = _rays(span)
-    tangents = [_target_tangents(span, axis) for axis in (0, 1)]
-    near = min(abs(z) for _, _, z in span.numeric.target_corners)
-    reach = _TargetBands(span, rays, near, epsilon)
-    outer = [reach.axis_band(axis, tangents[axis], 0.0) for axis in (0, 1)]
-    axes = [
-        reach.axis_band(axis, tangents[axis], outer[1 - axis].largest_passed_frequency)
-        for axis in (0, 1)
-    ]
-    farthest = rays.frequency(math.hypot(*(max(map(abs, t)) for t in tangents)))
-    radial = reach.taper_above(farthest, outward=True)
-    corner = math.hypot(*(axis.largest_passed_frequency for axis in axes))
-    cuts = not rays.paraxial and radial.stop_frequency < corner
-    return _with_period(span, (axes[0], axes[1]), radial if cuts else None, epsilon)
+    tapers = _TaperedAxes(span.numeric, epsilon)
+    outer = [tapers.axis_band(axis, 0.0).largest_passed_frequency for axis in (0, 1)]
+    y, x = (tapers.axis_band(axis, outer[1 - axis]) for axis in (0, 1))
+    largest_y, largest_x = (max(map(abs, tangents)) for tangents in tapers.tangents)
+    radial = tapers.beyond_tangent(math.hypot(largest_y, largest_x), 0.0)
+    corner = math.hypot(y.largest_passed_frequency, x.largest_passed_frequency)
+    cuts = not span.paraxial and radial.stop_frequency < corner
+    return _with_period(span, FrequencyBand((y, x), radial if cuts else None, epsilon))
 
 
-@dataclass(frozen=True)
-class _TargetBands:
-    """Compute, for each axis, the frequency band of the rays that reach the target."""
+class _TaperedAxes:
+    """Find, for each axis, the frequency band of the rays that reach a span's target.
 
-    span: FreeSpaceSpan
-    rays: PlaneWaveRays
-    near: float
-    epsilon: float
+    tangents: the least and largest tangent of these rays along y and x.
+    """
 
-    def taper_above(self, edge: float, outward: bool) -> FrequencyTaper:
-        """Return the taper above a frequency, which suits the least slope of the rays beyond it."""
-        slowest = min(max(edge, 0.0), 0.999999 * self.rays.grazing_frequency) if outward else 0.0
-        return FrequencyTaper(edge, self.rays.ray_slope(slowest, self.near), self.epsilon)
+    def __init__(self, span: FreeSpaceSpan, epsilon: float) -> None:
+        self._span, self._epsilon = span, epsilon
+        self._rays = PlaneWaveRays(span.wavelength, span.paraxial)
+        corners = span.target_corners
+        self._near = min(abs(z) for _, _, z in corners)
+        self.tangents = []
+        for axis in (0, 1):
+            low, high = span.source_extent(axis)
+            least = min((corner[axis] - high) / abs(corner[2]) for corner in corners)
+            most = max((corner[axis] - low) / abs(corner[2]) for corner in corners)
+            self.tangents.append((least, most))
 
-    def axis_band(self, axis: int, tangents: tuple[float, float], across: float) -> AxisBand:
-        """Return the frequency band along an axis, mirrored for backward propagation.
-
-        across: largest frequency along the other axis.
-        """
-        low, high = tangents
-        above = self._taper_beyond_tangent(high, across)
-        below = self._taper_beyond_tangent(-low, across)
-        backwards = self.span.numeric.distance < 0
-        band = AxisBand(
-            -below.end, above.end, (-below.stop_frequency, above.stop_frequency), below, above
-        )
-        return self._within_field_band(band.mirror_image if backwards else band, axis)
-
-    def _taper_beyond_tangent(self, tangent: float, across: float) -> FrequencyTaper:
+    def beyond_tangent(self, tangent: float, across: float) -> FrequencyTaper:
         """Return the taper beyond the frequency of rays with a given tangent.
 
-        If the tangent isn't positive, an oblique wave reaches it with a frequency of smaller
-        modulus.
+        Its width suits the least slope of the rays beyond it. If the tangent isn't positive, an
+        oblique wave reaches it with a frequency of smaller modulus.
+        across: largest frequency along the other axis.
         """
+        rays, slowest = self._rays, 0.0
         if tangent > 0:
-            return self.taper_above(self.rays.frequency(tangent), outward=True)
-        return self.taper_above(self.rays.frequency(tangent, across), outward=False)
+            edge = rays.frequency(tangent)
+            slowest = min(edge, 0.999999 * rays.grazing_frequency)
+        else:
+            edge = rays.frequency(tangent, across)
+        return FrequencyTaper(edge, rays.ray_slope(slowest, self._near), self._epsilon)
 
-    def _within_field_band(self, band: AxisBand, axis: int) -> AxisBand:
-        """Return the part of a band that lies in the field's own band."""
-        span = self.span
-        least = span.carrier[axis] - span.half_bandwidths[axis]
-        most = span.carrier[axis] + span.half_bandwidths[axis]
-        if band.low >= most or band.high <= least:
+    def axis_band(self, axis: int, across: float) -> AxisBand:
+        """Return the frequency band along an axis, within the field's own band."""
+        span, (low, high) = self._span, self.tangents[axis]
+        below, above = self.beyond_tangent(-low, across), self.beyond_tangent(high, across)
+        if span.distance < 0:
+            below, above = above, below
+        least, most = span.field_band(axis)
+        if -below.end >= most or above.end <= least:
             raise ToleranceError(
                 f"tol {span.tol:g} can't be kept: none of the field's light goes towards the "
                 f"target in {'yx'[axis]}; move the target, or give the band= that the light has"
             )
-        passes = (max(band.passband[0], least), min(band.passband[1], most))
-        return replace(band, low=max(band.low, least), high=min(band.high, most), passband=passes)
+        passes = max(-below.stop_frequency, least), min(above.stop_frequency, most)
+        return AxisBand(max(-below.end, least), min(above.end, most), passes, below, above)
 
 
-def _rays(span: FreeSpaceSpan) -> PlaneWaveRays:
-    return PlaneWaveRays(span.numeric.wavelength, span.paraxial)
-
-
-def _target_tangents(span: FreeSpaceSpan, axis: int) -> tuple[float, float]:
-    """Return the least and largest tangent of the rays from source to target."""
-    low, high = span.source_extent(axis)
-    places = [(corner[axis], abs(corner[2])) for corner in span.numeric.target_corners]
-    return min((p - high) / z for p, z in places), max((p - low) / z for p, z in places)
-
-
-def _with_period(
-    span: FreeSpaceSpan,
-    axes: tuple[AxisBand, AxisBand],
-    radial: FrequencyTaper | None,
-    epsilon: float,
-) -> FrequencyBand:
-    """Return a band with the least period at which no replica lights the target."""
-    band = FrequencyBand(axes, radial, (math.inf, math.inf), epsilon)
-    rays = _rays(span)
+def _with_period(span: FreeSpaceSpan, band: FrequencyBand) -> FrequencyBand:
+    """Return a band with the least period at which no replica sends light to the target."""
+    n, rays = span.numeric, PlaneWaveRays(span.numeric.wavelength, span.paraxial)
     if not band.largest_frequency < rays.grazing_frequency * (1 - 1e-9):
-        n = span.numeric
         raise ToleranceError(
             f"tol {span.tol:g} can't be kept by a spectrum {n.distance:g} m away: rays to the "
             "target's edge graze the source. Use direct quadrature, a smaller target, a finer "
             "band= of a smooth field, or a larger distance"
         )
-    period = (_period(span, band, rays, 0), _period(span, band, rays, 1))
-    return replace(band, period=period)
-
-
-def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis: int) -> float:
-    """Return the least period at which the source's replicas send no light to the target."""
-    n = span.numeric
-    low, high = band.axes[axis].passband
-    if n.distance < 0:
-        low, high = -high, -low
-    left, right = (
-        -_largest_tangent(band, rays, axis, -low),
-        _largest_tangent(band, rays, axis, high),
-    )
-    first, last = span.source_extent(axis)
-    ways = [0.0]
-    for corner in n.target_corners:
-        place, z = corner[axis], abs(corner[2])
-        ways += [last + right * z - place, place - first - left * z]
-    return max(ways)
+    period = []
+    for axis in (0, 1):
+        low, high = band.axes[axis].passband
+        if n.distance < 0:
+            low, high = -high, -low
+        left = -_largest_tangent(band, rays, axis, -low)
+        right = _largest_tangent(band, rays, axis, high)
+        first, last = span.source_extent(axis)
+        ways = [0.0]
+        for corner in n.target_corners:
+            place, z = corner[axis], abs(corner[2])
+            ways += [last + right * z - place, place - first - left * z]
+        period.append(max(ways))
+    return replace(band, period=(period[0], period[1]))
 
 
 def _largest_tangent(

@@ -29,10 +29,9 @@ _PLANNING_CALLS = 14
 
 @dataclass(frozen=True)
 class CellSampling:
-    """Cells of constant field on the source, and the nodes at which their envelope is exact.
+    """Cells of constant field on the source, of `sides` (y, x) in metres.
 
-    sides: metres (y, x).
-    nodes: numbers (y, x) of nodes on the source; between them the envelope is interpolated.
+    nodes: numbers (y, x) of nodes on the source, between which their envelope is interpolated.
     """
 
     sides: tuple[float, float]
@@ -101,7 +100,7 @@ class ChirpedTransform:
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         (ny, nx), (my, mx) = self._source.shape, self._target.shape
         samples = ny * nx + my * mx
-        passes = 3 * samples * speed.touch * self._transform.precision_slowdown(speed)
+        passes = 3 * samples * speed.touch * speed.slowdown(self._dtype)
         # Every pass allocates memory of its own.
         passes += 2 * max(samples * self._dtype.itemsize - RETAINED_BYTES, 0) * speed.fresh
         return self._terms * (self._transform.cpu_seconds(speed) + passes)
@@ -111,18 +110,16 @@ class ChirpedTransform:
             self._waves_on(torch.device("cpu"))
 
     def _waves_on(self, device: torch.device) -> _ChirpWaves:
-        if self.differentiable and torch.is_grad_enabled():
-            return self._build_waves().to(device)
-        if self._cached_waves is None:
-            with torch.no_grad():
-                self._cached_waves = self._build_waves()
-        self._cached_waves = self._cached_waves.to(device)
-        return self._cached_waves
-
-    def _build_waves(self) -> _ChirpWaves:
-        scale = torch.abs(torch.as_tensor(self._scale, dtype=torch.float64, device="cpu"))
-        waves = [self._axis_waves(axis, scale) for axis in (0, 1)]
-        return _ChirpWaves(waves[0], waves[1])
+        recorded = self.differentiable and torch.is_grad_enabled()
+        waves = None if recorded else self._cached_waves
+        if waves is None:
+            with torch.set_grad_enabled(recorded):
+                scale = torch.abs(torch.as_tensor(self._scale, dtype=torch.float64, device="cpu"))
+                waves = _ChirpWaves(self._axis_waves(0, scale), self._axis_waves(1, scale))
+        waves = waves.to(device)
+        if not recorded:
+            self._cached_waves = waves
+        return waves
 
     def _axis_waves(self, axis: int, scale: torch.Tensor) -> WavePairs:
         """Compute an axis' chirps before and after the transform, a pair for each envelope node."""
@@ -143,35 +140,29 @@ class ChirpedTransform:
             for node, share in zip(nodes, shares, strict=True)
         ]
 
-    def _stretch_and_shift(
-        self,
-    ) -> tuple[torch.Tensor | None, tuple[torch.Tensor, torch.Tensor] | None]:
-        """Return the stretch and the shift of the transform that carry derivatives."""
-        if not (self.differentiable and torch.is_grad_enabled()):
-            return None, None
-        centre, scale = self._target.centre, self._scale
-        stretch = as_number(scale) / scale if needs_gradient(scale) else None
-        y, x = (torch.as_tensor(c, dtype=torch.float64) - as_number(c) for c in centre)
-        return stretch, (y, x)
-
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        field = field.to(self._dtype)
-        if as_number(self._scale) < 0:
-            return self._forward_positive(field.conj()).conj().resolve_conj()
-        return self._forward_positive(field)
+        field, backwards = field.to(self._dtype), as_number(self._scale) < 0
+        stretch, shift = None, None
+        if self.differentiable and torch.is_grad_enabled():
+            # The stretch and the shift of the transform carry the derivatives.
+            scale = self._scale
+            stretch = as_number(scale) / scale if needs_gradient(scale) else None
+            y, x = (
+                torch.as_tensor(c, dtype=torch.float64) - as_number(c) for c in self._target.centre
+            )
+            shift = (y, x)
+        answer = _sum_terms(
+            self._waves_on(field.device),
+            field.conj() if backwards else field,
+            lambda lit: self._transform(lit, stretch, shift),
+        )
+        return answer.conj().resolve_conj() if backwards else answer
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        field = field.to(self._dtype)
-        if as_number(self._scale) < 0:
-            return self._adjoint_positive(field.conj()).conj().resolve_conj()
-        return self._adjoint_positive(field)
-
-    def _forward_positive(self, field: torch.Tensor) -> torch.Tensor:
-        waves, (stretch, shift) = self._waves_on(field.device), self._stretch_and_shift()
-        return _sum_terms(waves, field, lambda lit: self._transform(lit, stretch, shift))
-
-    def _adjoint_positive(self, field: torch.Tensor) -> torch.Tensor:
-        return _sum_terms(self._waves_on(field.device).adjoint, field, self._transform.adjoint)
+        field, backwards = field.to(self._dtype), as_number(self._scale) < 0
+        waves, field = self._waves_on(field.device).adjoint, field.conj() if backwards else field
+        answer = _sum_terms(waves, field, self._transform.adjoint)
+        return answer.conj().resolve_conj() if backwards else answer
 
 
 class ChirpedPropagator(ParaxialPropagator):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Unpack
 
 import torch
@@ -31,61 +31,51 @@ from optics.propagation.smooth_field import (
     field_power,
     normalise_strength,
     power_shares,
-    require_finite_power,
 )
 from optics.propagation.span import FreeSpaceSpan, Scalar, SpanSettings
 from optics.propagation.transfer_function import paraxial_phase_error
 from optics.threads import in_full_precision
 from optics.validation import accepts_numpy, require_unchanged_attributes, rounded_up
 
+# What follows sets how FreeSpace chooses its plans and which tolerance it advises; all is chosen.
 
-@dataclass(frozen=True)
-class FreeSpaceSettings:
-    """Tune how FreeSpace chooses its plans and which tolerance it advises. All values are chosen.
+_FIRST_PLAN_TOL_SHARE = 0.03
+"""Share of the tolerance that the first plan keeps, relative to all light of the source. The
+tolerance on the target then holds if a thousandth of the light reaches it."""
 
-    first_plan_tol_share: share of the tolerance that the first plan keeps, relative to all light of
-        the source. The tolerance on the target then holds if a thousandth of the light reaches the
-        target.
-    fine_rounding, fine_sampling: largest errors from rounding and from sampling that the first plan
-        keeps, relative to all light of the source, where that takes little more time. It hardly
-        takes more where it needs no double precision, and a small error can be told of a dim
-        target.
-    single_rounding, finest_sampling: largest error from rounding that takes double precision, and
-        the largest error from sampling that the first plan then keeps. A second plan would take
-        longer.
-    worth_fine, worth_dim: times as long that planning and all calls may take for a fine first plan,
-        and for a margin for dim targets at all.
-    tight_plan_tol_share: share of the tolerance that a second plan keeps, once the light on the
-        target is known.
-    advised_light_share: share of the light that must reach the target for an advised tolerance to
-        hold, where the advice is given before a field is known.
-    dim_target_share: share of the light below which a target counts as dim.
-    advice_margin: factor by which an advised tolerance is increased, because the share of the light
-        in another plan's result may be slightly less.
-    expensive_plan_calls: cost of a plan, in function calls, above which a cheaper plan is looked
-        for. Planning itself costs about as much.
-    choice_calls: processor time of choosing a method, in function calls.
-    overhead_calls: processor time of checking and rescaling a field at each call, in function
-        calls.
-    """
+_FINE_ROUNDING, _FINE_SAMPLING = 3e-6, 3e-8
+"""Largest errors from rounding and from sampling that the first plan keeps, relative to all light
+of the source, where that takes little more time. It hardly takes more where it needs no double
+precision, and a small error can be told of a dim target."""
 
-    first_plan_tol_share: float = 0.03
-    fine_rounding: float = 3e-6
-    fine_sampling: float = 3e-8
-    single_rounding: float = 1.5e-6
-    finest_sampling: float = 3e-10
-    worth_fine: float = 1.7
-    worth_dim: float = 2.0
-    tight_plan_tol_share: float = 0.7
-    advised_light_share: float = 0.5
-    dim_target_share: float = 0.01
-    advice_margin: float = 1.01
-    expensive_plan_calls: int = 100
-    choice_calls: int = 4
-    overhead_calls: int = 2
+_SINGLE_ROUNDING, _FINEST_SAMPLING = 1.5e-6, 3e-10
+"""Largest error from rounding that takes double precision, and the largest error from sampling that
+the first plan then keeps. A second plan would take longer."""
 
+_WORTH_FINE, _WORTH_DIM = 1.7, 2.0
+"""Times as long that planning and all calls may take for a fine first plan, and for a margin for
+dim targets at all."""
 
-_SETTINGS = FreeSpaceSettings()
+_TIGHT_PLAN_TOL_SHARE = 0.7
+"""Share of the tolerance that a second plan keeps, once the light on the target is known."""
+
+_ADVISED_LIGHT_SHARE = 0.5
+"""Share of the light that must reach the target for an advised tolerance to hold, where the advice
+is given before a field is known."""
+
+_DIM_TARGET_SHARE = 0.01
+"""Share of the light below which a target counts as dim."""
+
+_ADVICE_MARGIN = 1.01
+"""Factor on an advised tolerance, because another plan may find slightly less light."""
+
+_EXPENSIVE_PLAN_CALLS = 100
+"""Cost of a plan, in function calls, above which a cheaper plan is looked for. Planning itself
+costs about as much."""
+
+_CHOICE_CALLS, _OVERHEAD_CALLS = 4, 2
+"""Processor time of choosing a method, and of checking and rescaling a field at each call, in
+function calls."""
 
 
 class FreeSpace:
@@ -188,8 +178,7 @@ class FreeSpace:
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor time of a call by the first plan at a machine's speed, in seconds.
 
-        After a call with a dim target, `account.cpu_predicted` includes the time of the tighter
-        plans as well.
+        For a dim target, `account.cpu_predicted` includes the time of the tighter plans as well.
         """
         return self._call_seconds(self._propagator, speed)
 
@@ -197,23 +186,23 @@ class FreeSpace:
         """Predict the processor time of a call by a plan, with the checks of its field."""
         check = self._smooth_field_check
         checking = check.cpu_seconds(speed) if check else 0.0
-        overhead = _SETTINGS.overhead_calls * speed.call
+        overhead = _OVERHEAD_CALLS * speed.call
         return propagator.cpu_seconds(speed) + overhead + checking
 
     def _first_plan(self) -> Propagator:
         """Plan with a margin for a target that a small share of the light reaches.
 
-        The margin is dropped if no method keeps it, or if a plan without it is much cheaper.
+        It is dropped if no method keeps it, or if a plan without it is much cheaper.
         """
         tol = self.span.tol
-        dim = _SETTINGS.first_plan_tol_share * tol
-        rounding = min(dim, _SETTINGS.fine_rounding)
-        needs_double = rounding < _SETTINGS.single_rounding
-        finest = _SETTINGS.finest_sampling if needs_double else _SETTINGS.fine_sampling
+        dim = _FIRST_PLAN_TOL_SHARE * tol
+        rounding = min(dim, _FINE_ROUNDING)
+        needs_double = rounding < _SINGLE_ROUNDING
+        finest = _FINEST_SAMPLING if needs_double else _FINE_SAMPLING
         fine = replace(self.span, tol=rounding, finest_sampling=finest)
         plan = methods_for_span(fine, self._method)
-        for looser, times in ((dim, _SETTINGS.worth_fine), (tol, _SETTINGS.worth_dim)):
-            if plan.seconds <= _SETTINGS.expensive_plan_calls * self.span.budget.speed.call:
+        for looser, times in ((dim, _WORTH_FINE), (tol, _WORTH_DIM)):
+            if plan.seconds <= _EXPENSIVE_PLAN_CALLS * self.span.budget.speed.call:
                 break
             loose = methods_for_span(replace(self.span, tol=looser), self._method)
             cheaper = times * loose.total_seconds < plan.total_seconds
@@ -224,17 +213,23 @@ class FreeSpace:
             if error.floor is None:
                 raise
             raise unreachable_tolerance_error(
-                tol, error.floor / math.sqrt(_SETTINGS.advised_light_share)
+                tol, error.floor / math.sqrt(_ADVISED_LIGHT_SHARE)
             ) from error
 
     def _build_account(self, propagator: Propagator, share: float = 1.0) -> Account:
         """Build the account for a target that gets a share of the source's light."""
-        span, planned = self.span, propagator.error
-        sampling, arithmetic = self._errors_on_target(propagator, share)
+        span, planned, speed = self.span, propagator.error, self.span.budget.speed
+        sampling, arithmetic = _errors_on_target(propagator, share)
         sampling += math.sqrt(self._lost_share) * _spread(propagator, share)
         how = planned.how if share == 1 else f"{planned.how}, for the light on the target"
         if self._lost_share:
             how = f"{how}; estimate for light beyond the field's band and edges"
+        check = self._smooth_field_check
+        planning = check.planning_seconds(speed) if check else 0.0
+        plans = 0.0
+        for plan in (self._propagator, self._tight_propagator):
+            if plan is not None:
+                plans += plan.planning_seconds(speed) + _CHOICE_CALLS * speed.call
         (rows, columns), pitch = span.target.shape, span.target.pitch
         return Account(
             method=propagator.name,
@@ -245,28 +240,10 @@ class FreeSpace:
             model=self._model_error_estimate,
             sampling_error=ErrorEstimate(sampling, how),
             arithmetic=ErrorEstimate(arithmetic, "estimate, from tests"),
-            cpu_predicted=self._call_seconds(propagator, span.budget.speed),
-            planning_predicted=self._planning_seconds(),
+            cpu_predicted=self._call_seconds(propagator, speed),
+            planning_predicted=planning + plans,
             bytes=propagator.bytes,
         )
-
-    def _planning_seconds(self) -> float:
-        """Predict the processor time of all plans made so far, in seconds."""
-        speed = self.span.budget.speed
-        plans = [p for p in (self._propagator, self._tight_propagator) if p is not None]
-        choice, check = _SETTINGS.choice_calls * speed.call, self._smooth_field_check
-        checking = check.planning_seconds(speed) if check else 0.0
-        return checking + sum(plan.planning_seconds(speed) + choice for plan in plans)
-
-    def _errors_on_target(self, propagator: Propagator, share: float) -> tuple[float, float]:
-        """Return a plan's errors from sampling and from rounding, relative to the target's light.
-
-        share: that of the source's light on the target; NaN if unknown.
-        """
-        dimness = math.sqrt(min(share, 1.0))
-        if dimness == 0:
-            return math.inf, math.inf
-        return propagator.error.value / dimness, propagator.arithmetic * _spread(propagator, share)
 
     @accepts_numpy
     @in_full_precision
@@ -275,112 +252,87 @@ class FreeSpace:
 
         field: that on the source, ``(..., *source.shape)``.
         """
-        field = self._validate_field(field, self.span.source, "field")
-        self._require_unchanged()
-        field, light, peak = normalise_strength(field, require_finite_power("field", field))
-        if self._smooth_field_check:
-            self._check_smooth_field(self._smooth_field_check, field, light)
+        field, light, peak = self._checked_field(field, self.span.source)
+        check = self._smooth_field_check
+        if check:
+            spectrum, self._lost_share = check.checked_spectrum(field, light)
+            if self.span.paraxial:
+                how = "estimate: paraxial, over the field's spectrum; a scalar wave"
+                self._model_error_estimate = ErrorEstimate(
+                    check.paraxial_field_error(spectrum), how
+                )
+                self.account = replace(self.account, model=self._model_error_estimate)
         answer = self._propagate_within_tol(field, light * self.span.sample_area)
         return answer if peak is None else answer * peak
 
     def _propagate_within_tol(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
         """Use the first plan, then tighter plans until the tolerance is kept."""
-        propagator, seconds = self._propagator, 0.0
+        propagator, seconds, tol = self._propagator, 0.0, self.span.tol
+        y, x = self.span.target.pitch
         while True:
-            answer = self._in_chunks(propagator, propagator.forward, field)
+            # As many fields at a time as the memory holds.
+            together = max(self.span.budget.memory // propagator.bytes, 1)
+            answer = _apply_in_chunks(propagator.forward, field, together)
             # On a dark target the first share consists of rounding errors, so the loop goes on
             # until the error of a plan suits the share that it finds.
-            share = self._least_light_share(answer, light)
-            if self._is_tolerance_kept(propagator, share):
-                account = self._build_account(propagator, share)
-                self.account = replace(account, cpu_predicted=seconds + account.cpu_predicted)
-                self._require_little_lost_light(share)
-                return answer
+            found = power_shares(field_power(answer) * (y * x), light)
+            # The least of a batch, where a dark field doesn't count. NaN ends the search for a
+            # plan, because no plan keeps such a tolerance.
+            share = min(found, default=1.0) if all(map(math.isfinite, found)) else math.nan
+            if sum(_errors_on_target(propagator, share)) <= tol:
+                break
             seconds += propagator.cpu_seconds(self.span.budget.speed)
             propagator = self._tighter_plan(propagator, share)
             # The account is updated first, so that it explains a long call while it runs.
             account = self._build_account(propagator)
             self.account = replace(account, cpu_predicted=seconds + account.cpu_predicted)
-
-    def _require_little_lost_light(self, share: float) -> None:
-        """Raise ToleranceError if light beyond a smooth field's band may spoil a dim target."""
-        error = self.account.error
-        if error > self.span.tol:
+        account = self._build_account(propagator, share)
+        self.account = replace(account, cpu_predicted=seconds + account.cpu_predicted)
+        if account.error > tol:
             raise ToleranceError(
-                f"tol {self.span.tol:g} can't be kept on a target that {share:.2g} of the light "
+                f"tol {tol:g} can't be kept on a target that {share:.2g} of the light "
                 f"reaches: as much as {self._lost_share:.2g} of the field's light lies outside "
                 "carrier ± band or at the source's edges. Sample it finer, on a larger plane, or "
-                f"ask for tol {rounded_up(error)} or more"
+                f"ask for tol {rounded_up(account.error)} or more"
             )
-
-    def _check_smooth_field(
-        self, promise: SmoothFieldCheck, field: torch.Tensor, light: torch.Tensor
-    ) -> None:
-        """Raise ValueError if a field isn't smooth.
-
-        In the paraxial model, the model's error for this field is stored in the account.
-        """
-        spectrum, self._lost_share = promise.checked_spectrum(field, light)
-        if self.span.paraxial:
-            how = "estimate: paraxial, over the field's spectrum; a scalar wave"
-            self._model_error_estimate = ErrorEstimate(promise.paraxial_field_error(spectrum), how)
-            self.account = replace(self.account, model=self._model_error_estimate)
+        return answer
 
     @accepts_numpy
     @in_full_precision
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """Apply the conjugate transpose, from target to source samples."""
-        field = self._validate_field(field, self.span.target, "field")
-        self._require_unchanged()
-        field, _, peak = normalise_strength(field, require_finite_power("field", field))
-        answer = self._in_chunks(self._propagator, self._propagator.adjoint, field)
+        field, _, peak = self._checked_field(field, self.span.target)
+        together = max(self.span.budget.memory // self._propagator.bytes, 1)
+        answer = _apply_in_chunks(self._propagator.adjoint, field, together)
         return answer if peak is None else answer * peak
 
-    def _validate_field(self, field: torch.Tensor, plane: Plane, name: str) -> torch.Tensor:
-        if tuple(field.shape[-2:]) != plane.shape:
-            raise ValueError(f"{name} is {tuple(field.shape)}; its plane has {plane.shape} samples")
-        return field if field.is_complex() else field.to(torch.complex128)
+    def _checked_field(
+        self, field: torch.Tensor, plane: Plane
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        """Check a field on a plane, and return what normalise_strength() makes of it.
 
-    def _in_chunks(
-        self,
-        propagator: Propagator,
-        function: Callable[[torch.Tensor], torch.Tensor],
-        field: torch.Tensor,
-    ) -> torch.Tensor:
-        """Apply a function to a batch of fields, as many at a time as the memory holds."""
-        together = max(self.span.budget.memory // propagator.bytes, 1)
-        batch = field.shape[:-2]
-        if math.prod(batch) <= together:
-            return function(field).resolve_conj()
-        flat = field.reshape(-1, *field.shape[-2:])
-        parts = [function(part) for part in torch.split(flat, together)]
-        done = torch.cat(parts).resolve_conj()
-        return done.reshape(*batch, *done.shape[-2:])
-
-    def _least_light_share(self, answer: torch.Tensor, light: torch.Tensor) -> float:
-        """Return the least share of a field's light that reaches the target, in a batch.
-
-        Returns 1 if all fields are dark, and NaN if a share isn't finite.
+        Raises ValueError for other samples than the plane's, values that aren't finite, or if a
+        tensor length of the span changed after planning.
         """
-        y, x = self.span.target.pitch
-        found = power_shares(field_power(answer) * (y * x), light)
-        # NaN ends the search for a plan, because no plan keeps such a tolerance.
-        return min(found, default=1.0) if all(map(math.isfinite, found)) else math.nan
-
-    def _is_tolerance_kept(self, propagator: Propagator, share: float) -> bool:
-        return sum(self._errors_on_target(propagator, share)) <= self.span.tol
+        if tuple(field.shape[-2:]) != plane.shape:
+            raise ValueError(f"field is {tuple(field.shape)}; its plane has {plane.shape} samples")
+        field = field if field.is_complex() else field.to(torch.complex128)
+        if self.span.has_tensor_lengths:
+            lengths = ("distance", "wavelength", "target")
+            require_unchanged_attributes(
+                lengths, self.span.numeric, replace(self.span).numeric, "FreeSpace"
+            )
+        return normalise_strength(field)
 
     def _tighter_plan(self, last: Propagator, share: float) -> Propagator:
         """Return a plan that keeps the tolerance on a dim target.
 
-        last: the plan by which the light on the target was found. share: its share of the source's
-        light.
+        last: the plan that found the target's light, a share of the source's.
         """
-        if self._tight_propagator is not None and self._is_tolerance_kept(
-            self._tight_propagator, share
-        ):
-            return self._tight_propagator
-        tol = self.span.tol * math.sqrt(share) * _SETTINGS.tight_plan_tol_share
+        tight = self._tight_propagator
+        if tight is not None and sum(_errors_on_target(tight, share)) <= self.span.tol:
+            return tight
+        tol = self.span.tol * math.sqrt(share) * _TIGHT_PLAN_TOL_SHARE
         try:
             if not tol > 0:
                 raise ToleranceError("no light at all")
@@ -396,19 +348,18 @@ class FreeSpace:
     ) -> ToleranceError:
         """Return a ToleranceError for a dim target that names the least tolerance.
 
-        The least tolerance that can be kept follows from the floor of all plans, or from the
-        tolerance that the last plan kept. It isn't known where the result is no larger than the
-        plan's error.
+        That follows from the floor of all plans, or from the tolerance that the last plan kept. It
+        isn't known where the result is no larger than the plan's error.
         """
         planned = last.span.tol if why.floor is None else why.floor
         found = math.sqrt(share) > 2 * (last.error.value + last.arithmetic)
         least = (
-            _SETTINGS.advice_margin * planned / (_SETTINGS.tight_plan_tol_share * math.sqrt(share))
+            _ADVICE_MARGIN * planned / (_TIGHT_PLAN_TOL_SHARE * math.sqrt(share))
             if found
             else math.inf
         )
         kept = f"tol {self.span.tol:g} can't be kept"
-        if share >= _SETTINGS.dim_target_share and least < 1:
+        if share >= _DIM_TARGET_SHARE and least < 1:
             return ToleranceError(
                 f"{kept} on a target that {share:.2g} of the light reaches; ask for tol "
                 f"{rounded_up(least)} or more"
@@ -420,19 +371,34 @@ class FreeSpace:
             f"nearer to the light{advice}"
         )
 
-    def _require_unchanged(self) -> None:
-        """Raise ValueError if a tensor length of the span changed after planning."""
-        if self.span.has_tensor_lengths:
-            lengths = ("distance", "wavelength", "target")
-            require_unchanged_attributes(
-                lengths, self.span.numeric, replace(self.span).numeric, "FreeSpace"
-            )
+
+def _apply_in_chunks(
+    function: Callable[[torch.Tensor], torch.Tensor], field: torch.Tensor, together: int
+) -> torch.Tensor:
+    """Apply a function to a batch of fields, `together` at a time."""
+    batch = field.shape[:-2]
+    if math.prod(batch) <= together:
+        return function(field).resolve_conj()
+    flat = field.reshape(-1, *field.shape[-2:])
+    done = torch.cat([function(part) for part in torch.split(flat, together)]).resolve_conj()
+    return done.reshape(*batch, *done.shape[-2:])
+
+
+def _errors_on_target(propagator: Propagator, share: float) -> tuple[float, float]:
+    """Return a plan's errors from sampling and from rounding, relative to the target's light.
+
+    share: that of the source's light on the target; NaN if unknown.
+    """
+    dimness = math.sqrt(min(share, 1.0))
+    if dimness == 0:
+        return math.inf, math.inf
+    return propagator.error.value / dimness, propagator.arithmetic * _spread(propagator, share)
 
 
 def _spread(propagator: Propagator, share: float) -> float:
     """Return how much larger a field's noise is on the target than in all its light.
 
-    The noise spreads as rounding errors do. share: the share of the light on the target.
+    It spreads as rounding errors do. share: the share of the light on the target.
     """
     return max(math.sqrt(propagator.rounding_share / min(share, 1.0)), 1.0)
 
@@ -460,9 +426,7 @@ def propagate(
     budget: Budget | None = None,
     **settings: Unpack[SpanSettings],
 ) -> Result[torch.Tensor]:
-    """Propagate a field from one plane to another, and return it with its account.
-
-    The function plans a FreeSpace operator and calls it once.
+    """Plan a FreeSpace operator, call it once, and return the field with its account.
 
     Parameters
     ----------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -74,19 +73,12 @@ def _mean_chirps(place: _Reals, width: float) -> _Complexes:
         t = np.abs(place[start : start + _PART])
         # 14 Gauss-Legendre nodes are exact to rounding up to 2 rad of phase over half the interval.
         short = math.pi * width * (t + width / 4) <= 2.0
-        part = np.empty(t.size, dtype=np.complex128)
-        part[short] = _mean_by_quadrature(t[short], width)
+        part = np.zeros(t.size, dtype=np.complex128)
+        for node, weight in zip(_NODES * width / 2, _WEIGHTS / 2, strict=True):
+            part[short] += weight * np.exp(1j * math.pi * node * (node + 2 * t[short]))
         part[~short] = _mean_by_end_terms(t[~short], width)
         means[start : start + _PART] = part
     return means
-
-
-def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() of short intervals by Gauss-Legendre quadrature."""
-    total = np.zeros(t.size, dtype=np.complex128)
-    for node, weight in zip(_NODES * width / 2, _WEIGHTS / 2, strict=True):
-        total += weight * np.exp(1j * math.pi * node * (node + 2 * t))
-    return total
 
 
 def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
@@ -104,8 +96,7 @@ def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
 
 def _scaled_tail_integral(t: _Reals) -> _Complexes:
     """Return exp(-i pi t²) times the integral of exp(i pi v²) from t >= 0 to infinity."""
-    values = np.asarray(wofz(_ROOT_I * math.sqrt(math.pi) * t), dtype=np.complex128)
-    return 0.5 * _ROOT_I * values
+    return np.asarray(0.5 * _ROOT_I * wofz(_ROOT_I * math.sqrt(math.pi) * t))
 
 
 def _phasor(half_turns: _Reals) -> _Complexes:
@@ -129,8 +120,8 @@ def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> tor
 def cell_kernel(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
     """Return the paraxial field along one axis of a cell of amplitude 1.
 
-    It is the integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2. The
-    field of a rectangle is the product of two such kernels, one along each axis.
+    It is the integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2; the
+    field of a rectangle is the product of two.
     """
     return side * point_kernel(offset, scale) * cell_envelope(offset, side, scale)
 
@@ -157,22 +148,12 @@ def band_kernel(
     return unit_phasor(turns, torch.complex128) * mean
 
 
-@dataclass(frozen=True)
-class FresnelMatrixSettings:
-    """Tune how the matrices of Fresnel's integral are computed, and predict the cost.
+_BLOCK_ELEMENTS = 1 << 20
+"""Number of matrix elements that are computed at once. Chosen."""
 
-    block_elements: number of matrix elements that are computed at once. Chosen.
-    element_bytes: memory in bytes per element while it is computed.
-    element_touches: processor time per element, in passes over one complex number. It includes two
-        values of Faddeeva's function.
-    """
-
-    block_elements: int = 1 << 20
-    element_bytes: int = 160
-    element_touches: int = 1500
-
-
-_SETTINGS = FresnelMatrixSettings()
+_ELEMENT_BYTES, _ELEMENT_TOUCHES = 160, 1500
+"""Memory in bytes per element while it is computed, and processor time per element, in passes over
+one complex number. The time includes two values of Faddeeva's function."""
 
 
 class FresnelMatrices(ParaxialPropagator):
@@ -183,26 +164,16 @@ class FresnelMatrices(ParaxialPropagator):
 
         target = rows · source · columns^T.
 
-    The elements of the matrices are Fresnel integrals in closed form, over a cell or over a smooth
-    field's band (optics.propagation.fresnel_matrix). There is no sampling error, however close
-    the planes are.
+    The elements are Fresnel integrals in closed form, over a cell or over a smooth field's band.
+    There is no sampling error, however close the planes are.
     """
 
     name = "Fresnel matrices"
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
-        self.dtype, self.arithmetic = working_precision(span.tol - self._model_error, self._turns())
-        self.error = ErrorEstimate(self._model_error, "bound")
-        (ny, nx), (my, mx) = span.source.shape, span.target.shape
-        self.sampling = f"{my}x{ny} and {nx}x{mx} matrices"
-        self._cached_matrices: tuple[torch.Tensor, torch.Tensor] | None = None
-
-    def _turns(self) -> float:
-        """Return the kernel's phase between the two most distant points, in turns.
-
-        The phase of a smooth field is limited by the field's own fringes.
-        """
+        # The kernel's phase between the two most distant points, in turns. That of a smooth field
+        # is limited by the field's own fringes.
         n, most = self._paraxial_span.numeric, 0.0
         for axis in (0, 1):
             way = max(map(abs, n.lateral_range(axis)))
@@ -211,7 +182,15 @@ class FresnelMatrices(ParaxialPropagator):
                 fringe = abs(n.carrier[axis]) + 0.5 / n.source.pitch[axis]
                 turns = min(turns, way * fringe)
             most = max(most, turns)
-        return most
+        self.dtype, self.arithmetic = working_precision(span.tol - self._model_error, most)
+        self.error = ErrorEstimate(self._model_error, "bound")
+        (ny, nx), (my, mx) = span.source.shape, span.target.shape
+        self.sampling = f"{my}x{ny} and {nx}x{mx} matrices"
+        self._elements = my * ny + mx * nx
+        rows_first, columns_first = my * nx * (ny + mx), ny * mx * (nx + my)
+        self._rows_first = rows_first <= columns_first
+        self._products = min(rows_first, columns_first)
+        self._cached_matrices: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def _kernel_values(self, axis: int, way: torch.Tensor) -> torch.Tensor:
         span = self._paraxial_span
@@ -227,29 +206,18 @@ class FresnelMatrices(ParaxialPropagator):
         unlike = abs(target.pitch[axis] - source.pitch[axis])
         return unlike * longest < 1e-15 * source.pitch[axis]
 
-    def _kernel_count(self) -> int:
-        """Return how many values of the kernels the two matrices need."""
-        sides = zip(self.span.target.shape, self.span.source.shape, strict=True)
-        return sum(m + n - 1 if self._is_toeplitz(a) else m * n for a, (m, n) in enumerate(sides))
-
     def _matrix(self, axis: int) -> torch.Tensor:
         """Compute the matrix (target samples, source samples) along an axis."""
         source, target = self.span.source, self.span.target
-        n = source.shape[axis]
-        if self._is_toeplitz(axis):
-            return self._toeplitz_matrix(axis)
-        x = source.coordinates(axis)
-        rows = max(1, _SETTINGS.block_elements // n)
-        parts = [
-            self._kernel_values(axis, part[:, None] - x).to(self.dtype)
-            for part in torch.split(target.coordinates(axis), rows)
-        ]
-        return torch.cat(parts)
-
-    def _toeplitz_matrix(self, axis: int) -> torch.Tensor:
-        """Compute the matrix between planes of equal pitch, with one kernel value for each lag."""
-        source, target = self.span.source, self.span.target
         m, n = target.shape[axis], source.shape[axis]
+        if not self._is_toeplitz(axis):
+            x = source.coordinates(axis)
+            parts = [
+                self._kernel_values(axis, part[:, None] - x).to(self.dtype)
+                for part in torch.split(target.coordinates(axis), max(1, _BLOCK_ELEMENTS // n))
+            ]
+            return torch.cat(parts)
+        # Between planes of equal pitch, one value suffices for each lag.
         lag = torch.arange(m + n - 1, dtype=torch.float64) - (n - 1) + n // 2 - m // 2
         way = lag * source.pitch[axis] + (target.centre[axis] - source.centre[axis])
         index = torch.arange(m)[:, None] - torch.arange(n) + (n - 1)
@@ -267,11 +235,6 @@ class FresnelMatrices(ParaxialPropagator):
         if not self.span.differentiable:
             self._matrices(torch.device("cpu"))
 
-    @property
-    def _rows_first(self) -> bool:
-        (ny, nx), (my, mx) = self.span.source.shape, self.span.target.shape
-        return my * nx * (ny + mx) <= ny * mx * (nx + my)
-
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         rows, columns = self._matrices(field.device)
         field = field.to(self.dtype)
@@ -286,31 +249,30 @@ class FresnelMatrices(ParaxialPropagator):
             return rows.mH @ (field @ columns.conj())
         return (rows.mH @ field) @ columns.conj()
 
-    def _elements(self) -> int:
-        (ny, nx), (my, mx) = self.span.source.shape, self.span.target.shape
-        return my * ny + mx * nx
-
     @property
     def bytes(self) -> int:
         (ny, nx), (my, mx) = self.span.source.shape, self.span.target.shape
         between = my * nx if self._rows_first else ny * mx
         # Derivatives are recorded for whole matrices, not block by block.
         whole = self.span.differentiable
-        made = self._elements() if whole else min(self._elements(), _SETTINGS.block_elements)
-        kept = self._elements() + between + my * mx
-        return self.dtype.itemsize * kept + _SETTINGS.element_bytes * made
+        made = self._elements if whole else min(self._elements, _BLOCK_ELEMENTS)
+        kept = self._elements + between + my * mx
+        return self.dtype.itemsize * kept + _ELEMENT_BYTES * made
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         if self.span.differentiable:
             return 0.0
-        return self._kernel_count() * _SETTINGS.element_touches * speed.touch + 5 * speed.call
+        values = 0
+        for axis, (m, n) in enumerate(
+            zip(self.span.target.shape, self.span.source.shape, strict=True)
+        ):
+            values += m + n - 1 if self._is_toeplitz(axis) else m * n
+        return values * _ELEMENT_TOUCHES * speed.touch + 5 * speed.call
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        (ny, nx), (my, mx) = self.span.source.shape, self.span.target.shape
-        products = min(my * nx * (ny + mx), ny * mx * (nx + my))
-        seconds = (4 * products * speed.multiply_add + my * mx * speed.touch) * self._slowness(
-            speed
-        )
+        touched = math.prod(self.span.target.shape)
+        seconds = 4 * self._products * speed.multiply_add + touched * speed.touch
+        seconds *= speed.slowdown(self.dtype)
         if self.span.differentiable:
-            seconds += self._elements() * _SETTINGS.element_touches * speed.touch
+            seconds += self._elements * _ELEMENT_TOUCHES * speed.touch
         return speed.call + seconds

@@ -22,13 +22,11 @@ from optics.propagation.chirped import (
 from optics.propagation.paraxial import (
     Interval,
     diffraction_margin,
-    field_band,
-    kernel_turns,
     replicas_miss_target,
     step_widths,
     target_ray_frequencies,
 )
-from optics.propagation.propagator import TOLERANCE_SHARES, phase_rounding, working_precision
+from optics.propagation.propagator import Share, phase_rounding, working_precision
 from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.spectral_propagator import transform_error_share
 
@@ -43,17 +41,27 @@ class SingleFresnel(ChirpedPropagator):
     """
 
     name = "single Fresnel transform"
+    search_calls = 16
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
         n = self._paraxial_span.numeric
-        shares = TOLERANCE_SHARES
-        cells, sampling = None, shares.sampling * n.sampling_tol
+        cells, sampling = None, Share.SAMPLING * n.sampling_tol
         if n.cells is None:
-            require_replicas_miss_target(self.name, n)
+            for axis, pitch in enumerate(n.source.pitch):
+                if _replicas_miss(n, axis, target_ray_frequencies(n, axis), n.scale):
+                    continue
+                raise ToleranceError(
+                    f"tol {n.tol:g} can't be kept by the {self.name}: samples {pitch:g} m apart in "
+                    f"{'yx'[axis]} send copies of the field to a target {n.distance:g} m away; "
+                    "sample finer, give the field's band= if it is narrower, or use the two-step "
+                    "transform"
+                )
         else:
             cells, sampling = plan_cell_sampling(n, n.scale, sampling)
-        share, turns = shares.sampling + 2 * shares.transform, kernel_turns(self._paraxial_span)
+        share, ways = Share.SAMPLING + 2 * Share.TRANSFORM, (n.lateral_range(0), n.lateral_range(1))
+        # The kernel's phase between the two farthest points.
+        turns = max(max(map(abs, way)) ** 2 for way in ways) / (2 * abs(n.scale))
         self.dtype, self.arithmetic = working_precision(n.tol - self._model_error, turns, share)
         step = ChirpedTransform(
             n.source, span.target, span.scale, self.dtype, n.budget,
@@ -68,23 +76,13 @@ class SingleFresnel(ChirpedPropagator):
         self.sampling = f"{columns}x{rows} source samples{terms}, {step.name}"
 
 
-def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
-    """Raise ToleranceError if a replica of a smooth field's spectrum sends light to the target."""
-    n = span.numeric
-    for axis in (0, 1):
-        band, reach, pitch = (
-            field_band(n, axis),
-            target_ray_frequencies(n, axis),
-            n.source.pitch[axis],
-        )
-        allowed = TOLERANCE_SHARES.replica * n.sampling_tol
-        if replicas_miss_target(band, pitch, reach, abs(n.scale), allowed):
-            continue
-        raise ToleranceError(
-            f"tol {n.tol:g} can't be kept by the {name}: samples {pitch:g} m apart in "
-            f"{'yx'[axis]} send copies of the field to a target {n.distance:g} m away; sample "
-            "finer, give the field's band= if it is narrower, or use the two-step transform"
-        )
+def _replicas_miss(span: FreeSpaceSpan, axis: int, reach: Interval, scale: float) -> bool:
+    """Return whether replicas of a smooth field's spectrum have no rays of frequencies in `reach`.
+
+    scale: wavelength times distance to the plane that they must miss, square metres.
+    """
+    epsilon, pitch = Share.REPLICA * span.sampling_tol, span.source.pitch[axis]
+    return replicas_miss_target(span.field_band(axis), pitch, reach, abs(scale), epsilon)
 
 
 def plan_cell_sampling(
@@ -92,8 +90,8 @@ def plan_cell_sampling(
 ) -> tuple[CellSampling, float]:
     """Return the envelope nodes for cells, and the resulting error.
 
-    scale: wavelength times distance of the transform, square metres. error: the error allowed.
-    Raises ToleranceError if the chirp varies too fast across the outermost cells.
+    scale: of the transform, square metres. error: the error allowed. Raises ToleranceError if the
+    chirp varies too fast across the outermost cells.
     """
     n = span.numeric
     assert n.cells is not None
@@ -124,12 +122,11 @@ Near targets need a plane beyond the target or behind the source, where the chir
 
 @dataclass(frozen=True)
 class IntermediateAxis:
-    """The samples of the intermediate plane along one axis, and the tapers at its ends.
+    """The samples of the intermediate plane along one axis, in metres.
 
-    low, high: first and last position in metres.
-    pitch: largest distance between samples in metres.
-    below, above: (centre, sigma) in metres of the smooth steps at either end; None where the field
-        has died away without a taper.
+    low, high: first and last position. pitch: largest distance between samples.
+    below, above: (centre, sigma) of the smooth steps at either end; None where the field has died
+        away without a taper.
     """
 
     low: float
@@ -149,6 +146,9 @@ class IntermediateAxis:
                 centre, sigma = step
                 value = value * torch.erfc(sign * (x - centre) / (math.sqrt(2) * sigma)) / 2
         return value
+
+
+_Axes = tuple[IntermediateAxis, IntermediateAxis]
 
 
 class TwoStepFresnel(ChirpedPropagator):
@@ -176,68 +176,54 @@ class TwoStepFresnel(ChirpedPropagator):
     """
 
     name = "two-step Fresnel"
+    search_calls = 40
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
+        # Errors on the intermediate plane are taken to be all on the target.
+        self.rounding_share = 1.0
         n = self._paraxial_span.numeric
-        shares = TOLERANCE_SHARES
-        self._epsilon = shares.replica * n.sampling_tol
-        part, axes, cells = self._cheapest_plane()
-        self._tapers = axes
-        self._intermediate_plane = _sampled_plane(axes)
-        turns = self._turns(part, axes)
-        share = 2 * shares.sampling + 4 * shares.transform
+        part, self._tapers, cells = self._cheapest_plane()
+        plane = self._intermediate_plane = _sampled_plane(self._tapers)
+        share, turns = 2 * Share.SAMPLING + 4 * Share.TRANSFORM, self._turns(part, self._tapers)
         self.dtype, self.arithmetic = working_precision(n.tol - self._model_error, turns, share)
         scale, error = span.scale, transform_error_share(n)
         first = ChirpedTransform(
-            n.source,
-            self._intermediate_plane,
-            part * scale,
-            self.dtype,
-            n.budget,
-            error=error,
-            cells=cells,
+            n.source, plane, part * scale, self.dtype, n.budget, error=error, cells=cells
         )
         second = ChirpedTransform(
-            self._intermediate_plane,
-            span.target,
-            (1 - part) * scale,
-            self.dtype,
-            n.budget,
-            error=error,
+            plane, span.target, (1 - part) * scale, self.dtype, n.budget, error=error
         )
         self._steps = (first, second)
-        sampling = 2 * shares.sampling * n.sampling_tol + 2 * (first.error + second.error)
+        sampling = 2 * Share.SAMPLING * n.sampling_tol + 2 * (first.error + second.error)
         self._set_error_bound(self._model_error + sampling, share, self._model_error)
-        rows, columns = self._intermediate_plane.shape
+        rows, columns = plane.shape
         self.sampling = f"{columns}x{rows} samples at {part:.3g} of the way"
 
-    def _cheapest_plane(
-        self,
-    ) -> tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None]:
+    def _cheapest_plane(self) -> tuple[float, _Axes, CellSampling | None]:
         """Return where the cheapest intermediate plane is, its samples, and nodes for cells."""
-        n, best = self._paraxial_span.numeric, math.inf
-        found: (
-            tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None
-        ) = None
+        n, best, cells = self._paraxial_span.numeric, math.inf, None
+        found: tuple[float, _Axes, CellSampling | None] | None = None
         # The derivatives of both steps nearly cancel, and lose more digits the farther away the
         # plane is. So its distance is limited where derivatives are needed.
         farthest = 8.0 if self._paraxial_span.differentiable else math.inf
-        allowed = TOLERANCE_SHARES.chirp_rounding * n.tol
+        allowed = Share.CHIRP_ROUNDING * n.tol
         for part in (part for part in _PLANE_POSITIONS if abs(part) <= farthest):
-            offer = self._plane_at(part)
-            if offer is None:
-                continue
-            axes, cells = offer
-            if phase_rounding(self._turns(part, axes)) > allowed:
+            if n.cells is not None:
+                try:
+                    error = Share.SAMPLING * n.sampling_tol
+                    cells, _ = plan_cell_sampling(n, part * n.scale, error)
+                except ToleranceError:
+                    continue
+            y, x = _intermediate_axis(n, 0, part), _intermediate_axis(n, 1, part)
+            if y is None or x is None or phase_rounding(self._turns(part, (y, x))) > allowed:
                 continue
             terms = cells.nodes[0] * cells.nodes[1] if cells else 1
-            shape = (axes[0].count, axes[1].count)
-            work = terms * _chirp_z_operations(n.source.shape, shape) + _chirp_z_operations(
-                shape, n.target.shape
-            )
+            shape = (y.count, x.count)
+            work = terms * _chirp_z_operations(n.source.shape, shape)
+            work += _chirp_z_operations(shape, n.target.shape)
             if work < best:
-                best, found = work, (part, axes, cells)
+                best, found = work, (part, (y, x), cells)
         if found is None:
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept by {self.name} transforms: from no plane between do "
@@ -246,32 +232,7 @@ class TwoStepFresnel(ChirpedPropagator):
             )
         return found
 
-    def _plane_at(
-        self, part: float
-    ) -> tuple[tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None:
-        """Plan the intermediate plane at a part of the distance; None if it isn't valid there."""
-        n, cells = self._paraxial_span.numeric, None
-        if n.cells is not None:
-            try:
-                error = TOLERANCE_SHARES.sampling * n.sampling_tol
-                cells, _ = plan_cell_sampling(n, part * n.scale, error)
-            except ToleranceError:
-                return None
-        y, x = self._axis(0, part), self._axis(1, part)
-        return ((y, x), cells) if y and x else None
-
-    def _axis(self, axis: int, part: float) -> IntermediateAxis | None:
-        light = _IntermediateLight(self._paraxial_span.numeric, axis, part, self._epsilon)
-        if light.window is None:
-            return None
-        low, high, below, above = light.window
-        first, last = _target_ends(self._paraxial_span, axis)
-        left, right = light.target_interval
-        farthest = max(right - first, last - left)
-        pitch = abs((1 - part) * self._paraxial_span.numeric.scale) / farthest
-        return IntermediateAxis(low, high, pitch, below, above)
-
-    def _turns(self, part: float, axes: tuple[IntermediateAxis, IntermediateAxis]) -> float:
+    def _turns(self, part: float, axes: _Axes) -> float:
         """Return the largest phase of the chirps of both steps, in turns."""
         n = self._paraxial_span.numeric
         most = 0.0
@@ -283,11 +244,6 @@ class TwoStepFresnel(ChirpedPropagator):
             on = max(abs(p - (between.low + between.high) / 2) for p in places)
             most = max(most, way**2 / abs(part), (wide**2 + on**2) / abs(1 - part))
         return most / (2 * abs(n.scale))
-
-    @property
-    def rounding_share(self) -> float:
-        # Errors on the intermediate plane are taken to be all on the target.
-        return 1.0
 
     @property
     def bytes(self) -> int:
@@ -304,76 +260,51 @@ class TwoStepFresnel(ChirpedPropagator):
         return field
 
 
-class _IntermediateLight:
-    """The extent of the light in the intermediate plane and in the target's, along one axis."""
+def _intermediate_axis(span: FreeSpaceSpan, axis: int, part: float) -> IntermediateAxis | None:
+    """Plan an intermediate plane along one axis; None if it isn't valid there.
 
-    def __init__(self, span: FreeSpaceSpan, axis: int, part: float, epsilon: float) -> None:
-        self._span, self._axis, self._part, self._epsilon = span, axis, part, epsilon
-        self._source, self._target = span.source_extent(axis), _target_ends(span, axis)
-        scale = abs(span.scale)
-        # A taper in this plane acts on chirps of 1 / (t (1 - t) scale), just as a taper in the
-        # spectrum acts on chirps of dX/df.
-        kappa = 1 / (scale * abs(part * (1 - part)))
-        self._step_width, self._dark_margin = step_widths(kappa, math.inf, epsilon)
-        self._sigma = self._step_width / math.sqrt(2 * math.log(1 / epsilon))
-        self.window = self._find_window()
-
-    def _smooth_light_interval(self, part: float) -> Interval | None:
-        """Return where a smooth field's light is after a part of the distance; None for cells."""
-        span, axis = self._span, self._axis
-        if span.cells is not None:
+    part: of the distance, at which the plane lies. span: with plain numbers.
+    """
+    source, target = span.source_extent(axis), _target_ends(span, axis)
+    epsilon = Share.REPLICA * span.sampling_tol
+    # A taper in this plane acts on chirps of 1 / (t (1 - t) scale), just as a taper in the spectrum
+    # acts on chirps of dX/df.
+    kappa = 1 / (abs(span.scale) * abs(part * (1 - part)))
+    step_width, dark_margin = step_widths(kappa, math.inf, epsilon)
+    sigma = step_width / math.sqrt(2 * math.log(1 / epsilon))
+    through = [a + part * (b - a) for a in source for b in target]
+    below: tuple[float, float] | None = (min(through) - dark_margin, sigma)
+    above: tuple[float, float] | None = (max(through) + dark_margin, sigma)
+    low = min(through) - dark_margin - step_width
+    high = max(through) + dark_margin + step_width
+    if span.cells is None:
+        first, last = _smooth_light_interval(span, axis, part)
+        left, right = max(low, first), min(high, last)
+        scale = part * span.scale
+        reach = sorted(way / scale for way in (left - source[1], right - source[0]))
+        if not left < right or not _replicas_miss(span, axis, (reach[0], reach[1]), scale):
             return None
-        scale, band = part * span.scale, field_band(span, axis)
-        spread = abs(scale) * diffraction_margin(
-            abs(scale), band, span.source.pitch[axis], self._epsilon
-        )
-        rays = sorted(scale * frequency for frequency in band)
-        return self._source[0] + rays[0] - spread, self._source[1] + rays[1] + spread
+        below, above = below if left == low else None, above if right == high else None
+        low, high = left, right
+    # Replicas of the part of the target's plane that the light reaches must miss the target.
+    dark = dark_margin - step_width
+    ends = (low - (dark if below else 0.0), high + (dark if above else 0.0))
+    ways = [a + (b - a) / part for a in source for b in ends]
+    first, last = min(ways), max(ways)
+    if span.cells is None:
+        whole = _smooth_light_interval(span, axis, 1.0)
+        first, last = max(first, whole[0]), min(last, whole[1])
+    pitch = abs((1 - part) * span.scale) / max(last - target[0], target[1] - first)
+    return IntermediateAxis(low, high, pitch, below, above)
 
-    def _find_window(
-        self,
-    ) -> tuple[float, float, tuple[float, float] | None, tuple[float, float] | None] | None:
-        """Return the ends and the tapers of the intermediate plane; None if it isn't valid."""
-        part = self._part
-        through = [a + part * (b - a) for a in self._source for b in self._target]
-        low = min(through) - self._dark_margin - self._step_width
-        high = max(through) + self._dark_margin + self._step_width
-        below = (min(through) - self._dark_margin, self._sigma)
-        above = (max(through) + self._dark_margin, self._sigma)
-        whole = self._smooth_light_interval(part)
-        if whole is None:
-            return low, high, below, above
-        left, right = max(low, whole[0]), min(high, whole[1])
-        if not left < right or not self._replicas_miss_window(left, right):
-            return None
-        return left, right, below if left == low else None, above if right == high else None
 
-    def _replicas_miss_window(self, low: float, high: float) -> bool:
-        """Return whether replicas of the source miss the intermediate plane."""
-        span, axis = self._span, self._axis
-        scale = self._part * span.scale
-        ways = (low - self._source[1], high - self._source[0])
-        reach = sorted(way / scale for way in ways)
-        return replicas_miss_target(
-            field_band(span, axis),
-            span.source.pitch[axis],
-            (reach[0], reach[1]),
-            abs(scale),
-            self._epsilon,
-        )
-
-    @property
-    def target_interval(self) -> Interval:
-        """The part of the target's plane that the intermediate light reaches."""
-        assert self.window is not None
-        part = self._part
-        low, high, below, above = self.window
-        low -= self._dark_margin - self._step_width if below else 0.0
-        high += self._dark_margin - self._step_width if above else 0.0
-        ways = [a + (b - a) / part for a in self._source for b in (low, high)]
-        first, last = min(ways), max(ways)
-        whole = self._smooth_light_interval(1.0)
-        return (max(first, whole[0]), min(last, whole[1])) if whole else (first, last)
+def _smooth_light_interval(span: FreeSpaceSpan, axis: int, part: float) -> Interval:
+    """Return where a smooth field's light is after a part of the distance."""
+    scale, band, source = part * span.scale, span.field_band(axis), span.source_extent(axis)
+    epsilon = Share.REPLICA * span.sampling_tol
+    margin = diffraction_margin(abs(scale), band, span.source.pitch[axis], epsilon)
+    rays, spread = sorted(scale * frequency for frequency in band), abs(scale) * margin
+    return source[0] + rays[0] - spread, source[1] + rays[1] + spread
 
 
 def _target_ends(span: FreeSpaceSpan, axis: int) -> Interval:
@@ -382,7 +313,7 @@ def _target_ends(span: FreeSpaceSpan, axis: int) -> Interval:
     return min(places), max(places)
 
 
-def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
+def _sampled_plane(axes: _Axes) -> Plane:
     """Return the intermediate plane, with sample counts that suit FFTs."""
     shape, pitch, centre = [], [], []
     for axis in axes:

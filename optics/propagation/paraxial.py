@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from optics.accuracy import ToleranceError
-from optics.propagation.propagator import TOLERANCE_SHARES, Propagator
+from optics.propagation.propagator import Propagator, Share
 from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.transfer_function import paraxial_phase_error
 
@@ -14,12 +14,11 @@ Interval = tuple[float, float]
 
 
 def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float]:
-    """Return two widths of a smooth step in a field's spectrum, cycles per metre.
+    """Return how far a smooth step in a field's spectrum reaches, in cycles per metre.
 
-    The first is the distance from the step's centre to its end, the second to where it passes no
-    light. kappa: dX/df, square metres. room: cycles per metre between the step's centre and the
-    frequency by which it must end. epsilon: the share of the light that counts as zero. Both widths
-    are infinite if `room` isn't positive.
+    The first width goes from the step's centre to its end, the second to where it passes no light.
+    kappa: dX/df, square metres. room: from the centre to the frequency by which the step must end;
+    both widths are infinite if it isn't positive. epsilon: the share of light that counts as zero.
     """
     log = math.log(1 / epsilon)
     if not room > 0:
@@ -30,7 +29,7 @@ def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float
 
 
 def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: float) -> float:
-    """Return the margin beyond a band outside which rays carry no light of it, cycles per metre.
+    """Return the margin beyond a band outside which rays carry none of its light, cycles/m.
 
     pitch: metres; replicas of the band are 1 / pitch apart.
     """
@@ -49,52 +48,30 @@ def replicas_miss_target(
     return first > last or (first >= 0 and last <= 0)
 
 
-def field_band(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the least and largest frequency of a smooth field along an axis."""
-    return span.carrier[axis] - span.half_bandwidths[axis], span.carrier[
-        axis
-    ] + span.half_bandwidths[axis]
-
-
 def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
     """Return the least and largest frequency of rays from source to target along an axis."""
     n = span.numeric
     depths = [abs(corner[2]) for corner in span.target_corners]
     low, high = span.lateral_range(axis)
     across = max(map(abs, span.lateral_range(1 - axis)))
-    rays = [
-        _ray_frequency(n.wavelength, way, depth, side, span.paraxial)
-        for way in (low, high)
-        for depth in (min(depths), max(depths))
-        for side in (0.0, across)
-    ]
+    rays = []
+    for way in (low, high):
+        for depth in (min(depths), max(depths)):
+            for side in (0.0, across):
+                length = depth if span.paraxial else math.hypot(way, side, depth)
+                rays.append(way / (n.wavelength * length))
     return (min(rays), max(rays)) if n.distance > 0 else (-max(rays), -min(rays))
-
-
-def _ray_frequency(
-    wavelength: float, way: float, depth: float, side: float, paraxial: bool
-) -> float:
-    """Return the frequency of a ray along an axis.
-
-    way, side, depth: the ray's displacement along this axis, the other one and the optical axis.
-    """
-    if paraxial:
-        return way / (wavelength * depth)
-    return way / (wavelength * math.hypot(way, side, depth))
 
 
 def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: int) -> int:
     """Return the oversampling factor at which a smooth field may be summed over its samples.
 
-    The result is 0 if the factor would exceed `most`. Replicas at frequencies beyond 1 / wavelength
-    are evanescent, so they may also decay before the target.
+    It is 0 if the factor would exceed `most`. Replicas at frequencies beyond 1 / wavelength are
+    evanescent, so they may also decay before the target.
     """
     n = span.numeric
-    band, reach, pitch = (
-        field_band(span, axis),
-        target_ray_frequencies(span, axis),
-        n.source.pitch[axis],
-    )
+    band, reach = span.field_band(axis), target_ray_frequencies(span, axis)
+    pitch = n.source.pitch[axis]
     near = min(abs(corner[2]) for corner in span.target_corners)
     kappa = n.wavelength * near
     for factor in range(1, most + 1):
@@ -107,31 +84,29 @@ def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: in
             continue
         # Rays describe the light only from a distance on of one wavelength for each e-fold of
         # accuracy. At shorter distances, the replicas must have decayed.
-        nearest = 1 / fine - max(map(abs, band))
         if missed and near > n.wavelength * math.log(1 / epsilon):
             return factor
-        if nearest > 0 and _evanescent_decay(nearest, n.wavelength, near) < epsilon:
+        nearest = 1 / fine - max(map(abs, band))
+        square = nearest**2 - 1 / n.wavelength**2
+        if (
+            nearest > 0
+            and square > 0
+            and math.exp(-2 * math.pi * near * math.sqrt(square)) < epsilon
+        ):
             return factor
     return 0
 
 
-def _evanescent_decay(frequency: float, wavelength: float, distance: float) -> float:
-    """Return the share of an evanescent wave's amplitude that is left, or 1 for other waves."""
-    square = frequency**2 - 1 / wavelength**2
-    return math.exp(-2 * math.pi * distance * math.sqrt(square)) if square > 0 else 1.0
-
-
 def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
-    """Return the error of the paraxial model for frequencies up to `frequency`, cycles/m.
+    """Return the error of the paraxial model up to a frequency in cycles/m; 0 if it is declared.
 
-    The error is 0 for a span whose declared model is paraxial. Raises ToleranceError where the
-    paraxial phase error of a scalar wave exceeds its share of the tolerance.
+    Raises ToleranceError where the phase error exceeds its share of the tolerance.
     """
     n = span.numeric
     if n.paraxial:
         return 0.0
     error = paraxial_phase_error(n.wavelength, n.distance, frequency)
-    if error > TOLERANCE_SHARES.model * n.tol:
+    if error > Share.MODEL * n.tol:
         raise ToleranceError(
             f"tol {n.tol:g} can't be kept by a paraxial method, which is off by up to "
             f"{error:.2g} rad here; use the scalar methods, or ask for paraxial=True"
@@ -152,14 +127,12 @@ class ParaxialPropagator(Propagator):
         self._model_error = paraxial_model_error(
             span, _largest_kernel_frequency(self._paraxial_span)
         )
-
-    @property
-    def rounding_share(self) -> float:
         # An error of one sample spreads evenly over the target's plane.
         n = self._paraxial_span.numeric
         sides = n.source.pitch if n.cells is None else n.cells
-        spread = zip(n.target.shape, n.target.pitch, sides, strict=True)
-        return math.prod(min(m * pitch * side / abs(n.scale), 1.0) for m, pitch, side in spread)
+        for axis in (0, 1):
+            width = n.target.shape[axis] * n.target.pitch[axis]
+            self.rounding_share *= min(width * sides[axis] / abs(n.scale), 1.0)
 
 
 def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
@@ -175,11 +148,5 @@ def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
     axes = []
     for axis in (0, 1):
         rays = math.hypot(max(map(abs, target_ray_frequencies(span, axis))), math.sqrt(blur))
-        axes.append(min(rays, max(map(abs, field_band(span, axis)))))
+        axes.append(min(rays, max(map(abs, span.field_band(axis)))))
     return math.hypot(*axes)
-
-
-def kernel_turns(span: FreeSpaceSpan) -> float:
-    """Return the paraxial kernel's phase between the two farthest points, in turns."""
-    ways = (max(map(abs, span.lateral_range(axis))) for axis in (0, 1))
-    return max(way**2 for way in ways) / (2 * abs(span.numeric.scale))

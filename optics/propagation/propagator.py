@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
 
 import torch
 
@@ -12,51 +11,32 @@ from optics.accuracy import (
     FLOAT64_ARITHMETIC,
     CandidateMethod,
     ErrorEstimate,
-    MachineSpeed,
-    ToleranceError,
     unreachable_tolerance_error,
 )
 from optics.propagation.span import FreeSpaceSpan
 
 
-@dataclass(frozen=True)
-class PropagationToleranceShares:
-    """Set which share of the tolerance each source of error may use.
+class Share:
+    """Shares of the tolerance that each source of error may use, all chosen.
 
-    All fields are shares of `tol`, between 0 and 1, and all values are chosen. No method uses all
-    of them at once.
-
-    band: for the light that a spectral method cuts off, and the light of replicas.
-    transform: for each of the two Fourier transforms of a method.
-    sampling: for the samples of a Fresnel method: replicas that pass close to the target, or a
-        cell's envelope between its interpolation nodes.
-    replica: for each of the four nearest replicas of a smooth field in a Fresnel method.
-    model: for what a paraxial method leaves out of a scalar wave.
-    chirp_rounding: for the rounding of the long chirps of the two-step Fresnel method.
-    single_precision: for the rounding of a computation in complex64.
-    direct: for one axis of the direct quadrature: the nearest replica of a smooth field, or the
-        Gauss-Legendre rule inside a cell.
-    smooth_field: for the light of a smooth field that lies outside its declared band or at the
-        edges of the source.
+    No method uses all of them at once.
     """
 
-    band: float = 0.4
-    transform: float = 0.05
-    sampling: float = 0.2
-    replica: float = 0.05
-    model: float = 0.3
-    chirp_rounding: float = 0.2
-    single_precision: float = 0.5
-    direct: float = 0.05
-    smooth_field: float = 0.5
-
-    @property
-    def spectral(self) -> float:
-        """The share of all sampling errors of a spectral method."""
-        return self.band + 2 * self.transform
-
-
-TOLERANCE_SHARES = PropagationToleranceShares()
+    BAND = 0.4  # for the light that a spectral method cuts off, and the light of replicas
+    TRANSFORM = 0.05  # for each of the two Fourier transforms of a method
+    SPECTRAL = BAND + 2 * TRANSFORM  # for all sampling errors of a spectral method
+    # For the samples of a Fresnel method: replicas that pass close to the target, or a cell's
+    # envelope between its interpolation nodes.
+    SAMPLING = 0.2
+    REPLICA = 0.05  # for each of the four nearest replicas of a smooth field in a Fresnel method
+    MODEL = 0.3  # for what a paraxial method leaves out of a scalar wave
+    CHIRP_ROUNDING = 0.2  # for the rounding of the long chirps of the two-step Fresnel method
+    SINGLE_PRECISION = 0.5  # for the rounding of a computation in complex64
+    # For one axis of the direct quadrature: the nearest replica of a smooth field, or the
+    # Gauss-Legendre rule inside a cell.
+    DIRECT = 0.05
+    # For the light of a smooth field outside its declared band or at the edges of the source.
+    SMOOTH_FIELD = 0.5
 
 
 FIELD32_ARITHMETIC = 1e-6
@@ -72,31 +52,22 @@ def phase_rounding(turns: float) -> float:
     return 2 * math.pi * turns * 2.3e-16
 
 
-def tolerance_below_error_floor(tol: float, share: float, fixed: float) -> ToleranceError:
-    """Return the ToleranceError that names the least tolerance that can be kept.
-
-    share: the share of any tolerance that sampling may use. fixed: the error that doesn't decrease
-    with the tolerance, which is that of rounding and of the paraxial model.
-    """
-    return unreachable_tolerance_error(tol, fixed / (1 - share))
-
-
 def working_precision(
     tol: float, turns: float, share: float = 0.0, *, double: bool = False
 ) -> tuple[torch.dtype, float]:
     """Return the dtype of a field, and its relative L2 error from rounding.
 
-    turns: the largest phase in turns; computed in float64, its error is `phase_rounding(turns)`.
-    share: the share of the tolerance that sampling may use. double: whether complex64 is excluded.
-    Raises ToleranceError if neither precision keeps the tolerance.
+    turns: the largest phase in turns, computed in float64. share: the share of the tolerance that
+    sampling may use. double: whether complex64 is excluded. Raises ToleranceError if neither
+    precision keeps the tolerance.
     """
-    phase, most = phase_rounding(turns), min(TOLERANCE_SHARES.single_precision, 1 - share)
+    phase, most = phase_rounding(turns), min(Share.SINGLE_PRECISION, 1 - share)
     if not double and most * tol > FIELD32_ARITHMETIC:
         dtype, error = torch.complex64, max(FIELD32_ARITHMETIC, phase)
     else:
         dtype, error = torch.complex128, max(FLOAT64_ARITHMETIC, phase)
     if not error < tol * (1 - share):
-        raise tolerance_below_error_floor(tol, share, error)
+        raise unreachable_tolerance_error(tol, error / (1 - share))
     return dtype, error
 
 
@@ -126,6 +97,15 @@ class Propagator(CandidateMethod):
         the denominator.
     arithmetic : float
         The same ratio, for the error from rounding.
+    search_calls : int
+        Total processor time, in function calls, below which another method isn't compared with
+        this one, because comparing takes time as well. The search for a two-step plane takes as
+        long as ten calls, and the tilted angular spectrum is hardly ever the fastest between
+        parallel planes.
+    rounding_share : float
+        Largest share of the rounding errors' power that is on the target. They are uncorrelated
+        between samples, so that they spread over all of the light's range, and a small or dim
+        target gets few of them.
 
     Raises
     ------
@@ -137,6 +117,8 @@ class Propagator(CandidateMethod):
     dtype: torch.dtype
     error: ErrorEstimate
     arithmetic: float
+    search_calls: int = 0
+    rounding_share: float = 1.0
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         self.span = span
@@ -152,26 +134,12 @@ class Propagator(CandidateMethod):
     def _set_error_bound(self, error: float, share: float, model: float) -> None:
         """Set the bound of the error, or raise ToleranceError if it exceeds the tolerance.
 
-        The exception names the least tolerance that can be kept. share: the share of any tolerance
-        that sampling may use. model: the error of the paraxial model, which doesn't decrease with
-        the tolerance.
+        share: the share of any tolerance that sampling may use. model: the error of the paraxial
+        model, which doesn't decrease with the tolerance.
         """
         self.error, tol = ErrorEstimate(error, "bound"), self.span.tol
         if not error + self.arithmetic <= tol:
-            raise tolerance_below_error_floor(tol, share, self.arithmetic + model)
-
-    def _slowness(self, speed: MachineSpeed) -> float:
-        """Return the time of an operation in this dtype over that in complex64."""
-        return speed.double if self.dtype == torch.complex128 else 1.0
-
-    @property
-    def rounding_share(self) -> float:
-        """The largest share of the rounding errors that are on the target.
-
-        The share is of their power. Rounding errors are uncorrelated between samples, so that they
-        spread over all of the light's range, and a small or dim target gets few of them.
-        """
-        return 1.0
+            raise unreachable_tolerance_error(tol, (self.arithmetic + model) / (1 - share))
 
     @property
     def precision(self) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -14,7 +12,7 @@ from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
 from optics.fourier import unit_phasor
 from optics.gauss_legendre import gauss_legendre
 from optics.propagation.paraxial import oversampling_factor, target_ray_frequencies
-from optics.propagation.propagator import TOLERANCE_SHARES, Propagator, working_precision
+from optics.propagation.propagator import Propagator, Share, working_precision
 from optics.propagation.span import FreeSpaceSpan
 
 _RHO = 1 + np.geomspace(1e-3, 1e9, 300)
@@ -24,14 +22,20 @@ _RHO = 1 + np.geomspace(1e-3, 1e9, 300)
 def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int) -> int:
     """Return how many nodes integrate a spherical wave over a cell; 0 for more than `most`.
 
-    The nodes integrate a spherical wave over a cell. The wave is exp(i (h x + b x²)) over |x| < 1,
-    with |h| <= turn and |b| <= bend in radians, times an amplitude. error: relative error of the
-    integral. depth: distance of the wave's origin over half the cell's side; infinite if the
-    amplitude is the same everywhere.
+    The wave is exp(i (h x + b x²)) over |x| < 1, with |h| <= turn and |b| <= bend in radians, times
+    an amplitude. error: relative error of the integral. depth: distance of the wave's origin over
+    half the cell's side; infinite if the amplitude is the same everywhere.
 
     The wave's amplitude has poles at ± i depth. The quadrature error of such a function with n
     nodes is about rho^(-2n), with rho = depth + sqrt(1 + depth²) (Trefethen 2008). The nodes for
-    the amplitude are added to those for the phase.
+    the amplitude are added to those for the phase. For these, the error of the mean with n nodes is
+    at most 32 / 15 M rho^(-2n) / (1 - rho^(-2)), for a function that is no larger than M on the
+    ellipse of foci ± 1 and semi-axis sum rho (Trefethen 2008, 10.1137/060659831). On the ellipse
+    A cos t + i B sin t, the modulus of the wave is
+
+        exp(-h B sin t - b A B sin 2t),
+
+    which is largest where cos t = 4 b A / (h + sqrt(h² + 32 b² A²)), up to signs.
     """
     slow = math.log(1 / error) / (2 * math.asinh(depth))
     if slow > most:
@@ -39,43 +43,29 @@ def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int)
     # From a depth of 1000 on, the amplitude counts as constant over the cell: its second-order
     # part is 1e-6, and two nodes integrate that exactly.
     extra = math.ceil(slow) if depth < 1e3 else 0
-    nodes = _phase_nodes(turn, bend, error) + extra
-    return nodes if nodes <= most else 0
-
-
-def _phase_nodes(turn: float, bend: float, error: float) -> int:
-    """Return how many Gauss-Legendre nodes the wave's phase alone needs.
-
-    The error of the mean with n nodes is at most 32 / 15 M rho^(-2n) / (1 - rho^(-2)), for a
-    function that is no larger than M on the ellipse of foci ± 1 and semi-axis sum rho (Trefethen
-    2008, 10.1137/060659831). On the ellipse A cos t + i B sin t, the modulus of the wave is
-
-        exp(-h B sin t - b A B sin 2t),
-
-    which is largest where cos t = 4 b A / (h + sqrt(h² + 32 b² A²)), up to signs.
-    """
     a, b = (_RHO + 1 / _RHO) / 2, (_RHO - 1 / _RHO) / 2
     root = np.hypot(turn, math.sqrt(32) * bend * a)
     cosine = 4 * bend * a / (turn + root + 1e-300)
     growth = b * np.sqrt(1 - cosine**2) * (turn + 2 * bend * a * cosine)
     wanted = growth + math.log(32 / 15 / error) - np.log1p(-(_RHO**-2.0))
-    return max(math.ceil(float((wanted / (2 * np.log(_RHO))).min())), 1)
+    nodes = max(math.ceil(float((wanted / (2 * np.log(_RHO))).min())), 1) + extra
+    return nodes if nodes <= most else 0
 
 
 def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
-    """Upsample a field by `factor` along its last axis.
+    """Upsample a field by `factor` along its last axis, by padding its spectrum with zeros.
 
-    The field's spectrum is padded with zeros. The first of each group of `factor` samples coincides
-    with a sample of the field. carrier: turns from sample to sample, at the middle of the spectrum.
-    The result is exact for a field that is dark at its ends; otherwise the field is continued
-    periodically.
+    The first of each group of `factor` samples coincides with one of the field's. carrier: turns
+    from sample to sample, at the middle of the spectrum. The result is exact for a field that is
+    dark at its ends; otherwise the field is continued periodically.
     """
     if factor == 1:
         return field
     n = field.shape[-1]
     spectrum = torch.fft.fft(field * _carrier_phasor(n, -carrier, field))
     order = torch.fft.fftshift(spectrum, dim=-1)
-    first = _first(n, factor)
+    # Where the field's lowest frequency stands in the padded spectrum.
+    first = (n * factor) // 2 - n // 2
     padded = torch.nn.functional.pad(order, (first, n * factor - n - first))
     fine = torch.fft.ifft(torch.fft.ifftshift(padded, dim=-1)) * factor
     return fine * _carrier_phasor(n * factor, carrier / factor, field)
@@ -87,14 +77,9 @@ def upsample_adjoint(fine: torch.Tensor, factor: int, carrier: float) -> torch.T
         return fine
     n = fine.shape[-1] // factor
     spectrum = torch.fft.fft(fine * _carrier_phasor(n * factor, -carrier / factor, fine))
-    first = _first(n, factor)
+    first = (n * factor) // 2 - n // 2
     order = torch.fft.fftshift(spectrum, dim=-1)[..., first : first + n]
     return torch.fft.ifft(torch.fft.ifftshift(order, dim=-1)) * _carrier_phasor(n, carrier, fine)
-
-
-def _first(n: int, factor: int) -> int:
-    """Return the index of the field's lowest frequency in the padded spectrum."""
-    return (n * factor) // 2 - n // 2
 
 
 def _carrier_phasor(n: int, turns: float, like: torch.Tensor) -> torch.Tensor:
@@ -102,28 +87,18 @@ def _carrier_phasor(n: int, turns: float, like: torch.Tensor) -> torch.Tensor:
     return unit_phasor(turns * index, like.dtype).to(like.device)
 
 
-@dataclass(frozen=True)
-class DirectQuadratureSettings:
-    """Tune the direct quadrature of the diffraction integral.
+_MAX_POINTS = 1000
+"""Most points along an axis in place of one sample: nodes of a cell, or finer samples of a smooth
+field. Chosen."""
 
-    max_points: largest number of points along an axis in place of one sample: nodes of a cell, or
-        finer samples of a smooth field. Chosen.
-    tile_pairs: pairs of a source point and a target sample per tile, chosen so that they fit in the
-        processor's caches.
-    tile_source_points: source points per tile, unless a single row has more. Chosen.
-    pair_bytes: memory in bytes per pair of a tile.
-    pair_touches: processor time of a pair, in passes over one complex number: one phase, computed
-        in float64, and a square root. Single precision would hardly be faster.
-    """
+_TILE_PAIRS, _TILE_SOURCE_POINTS = 1 << 16, 1 << 11
+"""Pairs of a source point and a target sample per tile, chosen so that they fit in the processor's
+caches, and source points per tile, unless a single row has more."""
 
-    max_points: int = 1000
-    tile_pairs: int = 1 << 16
-    tile_source_points: int = 1 << 11
-    pair_bytes: int = 120
-    pair_touches: int = 140
-
-
-_SETTINGS = DirectQuadratureSettings()
+_PAIR_BYTES, _PAIR_TOUCHES = 120, 140
+"""Memory in bytes per pair of a tile, and processor time of a pair, in passes over one complex
+number: one phase, computed in float64, and a square root. Single precision would hardly be
+faster."""
 
 
 def impulse_response(
@@ -162,13 +137,12 @@ def impulse_response(
 class DirectQuadrature(Propagator):
     """Sum the spherical waves of all source points at every target sample.
 
-    The method is the reference for all other methods. A cell is summed over Gauss-Legendre nodes.
-    A smooth field is summed over its samples. That is exact where no replica of its spectrum has a
-    ray to the target, which requires carrier + band + the steepest ray's frequency to be below
-    1 / pitch by a margin (optics.propagation.paraxial). At shorter distances, the field is
-    interpolated to finer samples by zero-padded FFTs. The method supports both models and tilted
-    targets. Memory is bounded: the kernel is computed in tiles, which aren't kept, and is computed
-    again for derivatives. The time is proportional to the number of pairs of points.
+    The method is the reference for all others, of both models and onto tilted targets. A cell is
+    summed over Gauss-Legendre nodes. A smooth field is summed over its samples. That is exact where
+    no replica of its spectrum has a ray to the target, which requires carrier + band + the steepest
+    ray's frequency to be below 1 / pitch by a margin (optics.propagation.paraxial). At shorter
+    distances, the field is interpolated to finer samples by zero-padded FFTs. Memory is bounded:
+    the kernel is computed in tiles, which aren't kept, and is computed again for derivatives.
     """
 
     name = "direct quadrature"
@@ -178,11 +152,14 @@ class DirectQuadrature(Propagator):
         n = span.numeric
         self._near = span.nearest_target_distance()
         self._sign = math.copysign(1.0, n.distance)
-        factors = [self._factor(axis) for axis in (0, 1)]
-        self._factors = (factors[0], factors[1])
+        self._factors = self._factor(0), self._factor(1)
         self.dtype = torch.complex128
-        share = 4 * TOLERANCE_SHARES.direct
-        self.arithmetic = working_precision(n.tol, self._turns(), share, double=True)[1]
+        share = 4 * Share.DIRECT
+        # The kernel's phase between the two most distant points, in turns.
+        y, x = (max(map(abs, n.lateral_range(axis))) for axis in (0, 1))
+        deepest = max(abs(corner[2]) for corner in n.target_corners)
+        turns = ((y**2 + x**2) / (2 * self._near) + deepest - abs(n.distance)) / n.wavelength
+        self.arithmetic = working_precision(n.tol, turns, share, double=True)[1]
         self.error = ErrorEstimate(share * n.sampling_tol, "bound")
         rows, columns = self._points
         self.sampling = f"{columns}x{rows} source points"
@@ -192,8 +169,8 @@ class DirectQuadrature(Propagator):
 
         They are nodes of a cell, or finer samples of a smooth field.
         """
-        n, error = self.span.numeric, TOLERANCE_SHARES.direct * self.span.sampling_tol
-        most = _SETTINGS.max_points
+        n, error = self.span.numeric, Share.DIRECT * self.span.sampling_tol
+        most = _MAX_POINTS
         if n.cells is None:
             factor = oversampling_factor(n, axis, error, most)
         else:
@@ -210,14 +187,6 @@ class DirectQuadrature(Propagator):
             )
         return factor
 
-    def _turns(self) -> float:
-        """Return the kernel's phase between the two most distant points, in turns."""
-        n = self.span.numeric
-        ways = [max(map(abs, n.lateral_range(axis))) for axis in (0, 1)]
-        deepest = max(abs(corner[2]) for corner in n.target_corners)
-        tilted = deepest - abs(n.distance)
-        return (sum(way**2 for way in ways) / (2 * self._near) + tilted) / n.wavelength
-
     @property
     def _points(self) -> tuple[int, int]:
         (ny, nx), (fy, fx) = self.span.source.shape, self._factors
@@ -228,37 +197,31 @@ class DirectQuadrature(Propagator):
         points, (my, mx) = math.prod(self._points), self.span.target.shape
         extra = 4 if self.span.cells is None else 2
         kept = self.dtype.itemsize * (extra * points + 2 * my * mx) + 16 * points
-        return kept + _SETTINGS.pair_bytes * max(_SETTINGS.tile_pairs, self._points[1])
+        return kept + _PAIR_BYTES * max(_TILE_PAIRS, self._points[1])
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         my, mx = self.span.target.shape
         pairs = math.prod(self._points) * my * mx
-        return speed.call + pairs * _SETTINGS.pair_touches * speed.touch
+        return speed.call + pairs * _PAIR_TOUCHES * speed.touch
 
     def prepare(self) -> None:
         """Do nothing, because no kernel is kept between calls."""
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        points = self._apply_along_axes(self._samples_to_points, field.to(self.dtype))
-        flat = points.reshape(-1, math.prod(self._points)).mT
-        sent = self._sum(flat.conj() if self._sign < 0 else flat, adjoint=False)
-        sent = sent.conj().resolve_conj() if self._sign < 0 else sent
+        points = field.to(self.dtype)
+        for axis in (0, 1):
+            lines = self._samples_to_points(axis, points.movedim(-2 + axis, -1))
+            points = lines.movedim(-1, -2 + axis)
+        sent = self._sum(points.reshape(-1, math.prod(self._points)).mT, adjoint=False)
         return sent.mT.reshape(*field.shape[:-2], *self.span.target.shape)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         flat = field.to(self.dtype).reshape(-1, math.prod(self.span.target.shape)).mT
-        sent = self._sum(flat.conj() if self._sign < 0 else flat, adjoint=True)
-        sent = (sent.conj().resolve_conj() if self._sign < 0 else sent).mT
-        points = sent.reshape(*field.shape[:-2], *self._points)
-        return self._apply_along_axes(self._points_to_samples, points)
-
-    @staticmethod
-    def _apply_along_axes(
-        function: Callable[[int, torch.Tensor], torch.Tensor], field: torch.Tensor
-    ) -> torch.Tensor:
+        points = self._sum(flat, adjoint=True).mT.reshape(*field.shape[:-2], *self._points)
         for axis in (0, 1):
-            field = function(axis, field.movedim(-2 + axis, -1)).movedim(-1, -2 + axis)
-        return field
+            lines = self._points_to_samples(axis, points.movedim(-2 + axis, -1))
+            points = lines.movedim(-1, -2 + axis)
+        return points
 
     def _samples_to_points(self, axis: int, field: torch.Tensor) -> torch.Tensor:
         """Return the field on the quadrature points along an axis, times each point's length."""
@@ -306,9 +269,9 @@ class DirectQuadrature(Propagator):
     def _sum(self, values: torch.Tensor, *, adjoint: bool) -> torch.Tensor:
         """Multiply fields by the matrix of the kernel h, or by its conjugate transpose.
 
-        values: fields on a plane, (points, fields).
+        values: fields on a plane, (points, fields). Backward propagation is that of the conjugate.
         """
-        device = values.device
+        values, device = values.conj() if self._sign < 0 else values, values.device
         target = [p.to(device) for p in self._target()]
         source_y, source_x = (self._point_coordinates(axis).to(device) for axis in (0, 1))
         lengths = [
@@ -324,32 +287,26 @@ class DirectQuadrature(Propagator):
                 targets, rows = (here, there) if adjoint else (there, here)
                 geometry = [*(p[targets] for p in target), source_y[rows], source_x, *lengths]
                 used = targets if adjoint else slice(rows.start * lines, rows.stop * lines)
-                part = self._tile(values[used], adjoint, *geometry)
+                tensors = (values[used], *geometry)
+                if torch.is_grad_enabled() and any(t.requires_grad for t in tensors):
+                    # Derivatives compute the tile again.
+                    part = checkpoint(self._product, adjoint, *tensors, use_reentrant=False)
+                else:
+                    part = self._product(adjoint, *tensors)
                 total = part if total is None else total + part
             assert total is not None
             sums.append(total)
-        return torch.cat(sums)
-
-    def _tile(self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor) -> torch.Tensor:
-        """Multiply a tile of the kernel by its values; derivatives compute the tile again."""
-        if torch.is_grad_enabled() and any(t.requires_grad for t in (values, *geometry)):
-            part: torch.Tensor = checkpoint(
-                self._product, values, adjoint, *geometry, use_reentrant=False
-            )
-            return part
-        return self._product(values, adjoint, *geometry)
+        sent = torch.cat(sums)
+        return sent.conj().resolve_conj() if self._sign < 0 else sent
 
     def _product(
-        self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor
+        self, adjoint: bool, values: torch.Tensor, *geometry: torch.Tensor
     ) -> torch.Tensor:
+        """Multiply a tile of the kernel by its values."""
         y, x, depth, source_y, source_x, distance, wavelength = geometry
         across = (y[:, None] - source_y)[:, :, None] ** 2 + (x[:, None] - source_x)[:, None, :] ** 2
         kernel = impulse_response(
-            across.flatten(1),
-            depth[:, None],
-            distance,
-            wavelength,
-            paraxial=self.span.paraxial,
+            across.flatten(1), depth[:, None], distance, wavelength, paraxial=self.span.paraxial
         )
         return (kernel.mH if adjoint else kernel) @ values
 
@@ -357,11 +314,10 @@ class DirectQuadrature(Propagator):
 def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:
     """Split the target's samples and the source's rows into tiles.
 
-    The first list contains the slices of the result's plane, the second those of the plane that is
-    summed over.
+    The slices of the result's plane come first, then those of the plane that is summed over.
     """
-    some = min(max(_SETTINGS.tile_source_points // lines, 1), rows)
-    many = max(_SETTINGS.tile_pairs // (some * lines), 1)
+    some = min(max(_TILE_SOURCE_POINTS // lines, 1), rows)
+    many = max(_TILE_PAIRS // (some * lines), 1)
     parts = [
         [slice(first, min(first + step, count)) for first in range(0, count, step)]
         for count, step in ((targets, many), (rows, some))

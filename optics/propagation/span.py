@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypedDict, cast
+from typing import Any, TypedDict
 
 from optics.accuracy import Budget
 from optics.plane import Plane
@@ -113,7 +113,13 @@ class FreeSpaceSpan:
                 "at a finite distance"
             )
         require_positive("wavelength", self.wavelength, "m")
-        self._require_sizes()
+        # Longer lengths would have products that overflow.
+        require_size("travel", "distance", self.distance)
+        require_size("travel", "wavelength", self.wavelength)
+        for name, plane in (("source", self.source), ("target", self.target)):
+            for pitch, place in zip(plane.pitch, plane.centre, strict=True):
+                require_size("travel", f"the {name}'s pitch", pitch)
+                require_size("place", f"the {name}'s centre", place)
         for name, pair in (("carrier", self.carrier), ("tilt", self.tilt)):
             if not all(math.isfinite(value) for value in pair):
                 raise ValueError(f"{name} is {pair}; give two finite numbers")
@@ -122,15 +128,6 @@ class FreeSpaceSpan:
                 f"tilt is {self.tilt} rad; the target must face the source, by less than pi / 2"
             )
         self._require_resolved()
-
-    def _require_sizes(self) -> None:
-        """Raise an error for lengths whose products overflow."""
-        require_size("travel", "distance", self.distance)
-        require_size("travel", "wavelength", self.wavelength)
-        for name, plane in (("source", self.source), ("target", self.target)):
-            for pitch, place in zip(plane.pitch, plane.centre, strict=True):
-                require_size("travel", f"the {name}'s pitch", pitch)
-                require_size("place", f"the {name}'s centre", place)
 
     def _require_resolved(self) -> None:
         """Raise ValueError if cells or band don't fit the source's samples."""
@@ -161,6 +158,11 @@ class FreeSpaceSpan:
         y, x = self.source.pitch
         return (0.25 / y, 0.25 / x)
 
+    def field_band(self, axis: int) -> tuple[float, float]:
+        """Return the least and largest frequency of the field along axis 0 (y) or 1 (x)."""
+        carrier, half = self.carrier[axis], self.half_bandwidths[axis]
+        return carrier - half, carrier + half
+
     @property
     def sampling_tol(self) -> float:
         """The tolerance of which the sampling uses its shares."""
@@ -175,7 +177,8 @@ class FreeSpaceSpan:
     @cached_property
     def numeric(self) -> FreeSpaceSpan:
         """The same span with plain numbers instead of tensors."""
-        return cast(FreeSpaceSpan, to_plain_numbers(self))
+        numeric: FreeSpaceSpan = to_plain_numbers(self)
+        return numeric
 
     @property
     def scale(self) -> Scalar:
@@ -203,14 +206,10 @@ class FreeSpaceSpan:
         return tuple(n.target_position(y, x) for y in ends_y for x in ends_x)
 
     def nearest_target_distance(self) -> float:
-        """Compute the least distance from the source's plane to a target sample.
+        """Compute the least distance along the axis from the source's plane to a target sample.
 
-        The distance is in metres along the axis, and positive for backward propagation too.
-
-        Raises
-        ------
-        ValueError
-            Where a tilt brings some samples through the source's plane.
+        It is in metres, and positive for backward propagation too. Raises ValueError where a tilt
+        brings some samples through the source's plane.
         """
         n = self.numeric
         nearest = min(z * math.copysign(1.0, n.distance) for _, _, z in n.target_corners)
@@ -223,17 +222,9 @@ class FreeSpaceSpan:
         return nearest
 
     def target_position(self, y: Any, x: Any) -> tuple[Any, Any, Any]:
-        """Compute the position of points in the target, with its tilt.
+        """Compute the positions (y, x, z) of points in the target, metres; z is from the source.
 
-        Parameters
-        ----------
-        y, x : float or torch.Tensor
-            Metres from the target's centre, in the target's plane.
-
-        Returns
-        -------
-        tuple
-            The position (y, x, z) in metres; z is from the source.
+        y, x: metres from the target's centre, in the target's own, tilted plane.
         """
         a, b = self.tilt
         across = x * math.cos(b) + y * (math.sin(a) * math.sin(b))
@@ -254,13 +245,10 @@ class FreeSpaceSpan:
     @property
     def differentiable(self) -> bool:
         """Whether a derivative is wanted in any length."""
-        return any(map(needs_gradient, self._scalars))
+        return any(map(needs_gradient, (self.distance, self.wavelength, *self.target.centre)))
 
     @cached_property
     def has_tensor_lengths(self) -> bool:
         """Whether a length is a tensor, whose value may change after planning."""
-        return not all(isinstance(one, (int, float)) for one in self._scalars)
-
-    @property
-    def _scalars(self) -> tuple[Scalar, ...]:
-        return (self.distance, self.wavelength, *self.target.centre)
+        lengths = (self.distance, self.wavelength, *self.target.centre)
+        return not all(isinstance(one, (int, float)) for one in lengths)

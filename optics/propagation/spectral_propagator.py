@@ -3,72 +3,56 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import scipy.fft
 import torch
 
 from optics.accuracy import FLOAT64_ARITHMETIC, MachineSpeed, ToleranceError, require_memory
-from optics.fourier import FourierGeometry, plan_transform, unit_phasor
+from optics.fourier import CommensurateTransform, FourierGeometry, plan_transform, unit_phasor
 from optics.fourier.differentiation import apply_linear_map
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.fourier.transform import RETAINED_BYTES, PlaneTransform
 from optics.plane import Plane
 from optics.propagation.band import FrequencyBand, target_band
 from optics.propagation.paraxial import paraxial_model_error
-from optics.propagation.propagator import FIELD32_ARITHMETIC, TOLERANCE_SHARES, Propagator
+from optics.propagation.propagator import FIELD32_ARITHMETIC, Propagator, Share
 from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.transfer_function import free_space_transfer_function
 from optics.validation import as_number, needs_gradient
 
+_LARGEST_ERROR = 0.1
+"""Largest relative error for which a band or a transform is planned. Chosen, because the error
+estimates hold only for small errors."""
 
-@dataclass(frozen=True)
-class SpectralSettings:
-    """Tune the angular-spectrum methods.
+_BLOCK_SIZE = 1 << 18
+"""Frequencies whose transfer function is computed at once. Chosen."""
 
-    largest_error: largest error for which a band or a transform is planned, relative. Chosen,
-        because the error estimates hold only for small errors.
-    block_size: number of frequencies whose transfer function is computed at once. Chosen.
-    bytes_per_frequency: memory in bytes per frequency while the transfer function is computed.
-    recorded_bytes: the same in bytes where derivatives are recorded.
-    touches_per_frequency: processor time per frequency for computing the transfer function, in
-        passes over one complex number.
-    planning_calls: processor time of planning the two transforms, in function calls.
-    longest_fft_search: length of a period in samples above which no FFT-friendly length is
-        searched. Chosen.
-    max_parts: largest number of parts into which a spectrum that doesn't fit in memory is split.
-        Chosen, because more parts would spend their time at the edges.
-    """
+_BYTES_PER_FREQUENCY, _RECORDED_BYTES = 64, 160
+"""Memory in bytes per frequency while the transfer function is computed; the second where
+derivatives are recorded."""
 
-    largest_error: float = 0.1
-    block_size: int = 1 << 18
-    bytes_per_frequency: int = 64
-    recorded_bytes: int = 160
-    touches_per_frequency: int = 250
-    planning_calls: int = 6
-    longest_fft_search: int = 1 << 40
-    max_parts: int = 64
+_TOUCHES_PER_FREQUENCY = 250
+"""Processor time per frequency of the transfer function, in passes over one complex number."""
+
+_PLANNING_CALLS = 6
+"""Processor time of planning the two transforms, in function calls."""
+
+_LONGEST_FFT_SEARCH = 1 << 40
+"""Samples of a period from which on no FFT-friendly length is searched. Chosen."""
+
+_MAX_PARTS = 64
+"""Most parts into which a spectrum that doesn't fit in memory is split. Chosen, because more parts
+would spend their time at the edges."""
 
 
-_SETTINGS = SpectralSettings()
-
-
-@dataclass(frozen=True)
-class SpectrumPart:
+class SpectrumPart(NamedTuple):
     """Some rows of the spectrum, with the transforms from the source to it and on to the target."""
 
     frequencies: Plane
     to_spectrum: PlaneTransform
     to_target: PlaneTransform
-
-    @property
-    def transforms(self) -> tuple[PlaneTransform, PlaneTransform]:
-        return self.to_spectrum, self.to_target
-
-    @property
-    def bytes(self) -> int:
-        return max(transform.bytes for transform in self.transforms)
 
 
 class SpectralPropagator(Propagator):
@@ -82,8 +66,14 @@ class SpectralPropagator(Propagator):
     in memory is computed and used some rows at a time.
     """
 
+    search_calls = 8
+
     paraxial = False
     """Whether the method's transfer function is Fresnel's."""
+
+    commensurate = False
+    """Whether FFTs between planes of commensurate pitches are used, instead of the cheapest
+    transforms."""
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
@@ -93,17 +83,22 @@ class SpectralPropagator(Propagator):
         model = (
             paraxial_model_error(n, self.band.largest_target_frequency) if self.paraxial else 0.0
         )
-        share = TOLERANCE_SHARES.spectral
-        spare = n.tol * (1 - share) - model
-        single = spare >= FIELD32_ARITHMETIC
-        self.dtype = torch.complex64 if single else torch.complex128
-        self.arithmetic = FIELD32_ARITHMETIC if single else self._double_arithmetic()
-        self._plan()
-        sampling = self.band.epsilon + model + self._transform_error()
-        self._set_error_bound(sampling, share, model)
+        if n.tol * (1 - Share.SPECTRAL) - model >= FIELD32_ARITHMETIC:
+            self.dtype, self.arithmetic = torch.complex64, FIELD32_ARITHMETIC
+        else:
+            # The rounding error grows with the largest phase.
+            turns = abs(n.distance) * n.wavelength * self.band.largest_frequency**2
+            self.dtype, self.arithmetic = torch.complex128, FLOAT64_ARITHMETIC + 1e-15 * turns
+        self._parts: list[SpectrumPart] = []
+        sampling = self.band.epsilon + model + self._plan()
+        self._set_error_bound(sampling, Share.SPECTRAL, model)
         rows, columns = self.frequencies.shape
         parts = f" in {len(self._parts)} parts" if len(self._parts) > 1 else ""
         self.sampling = f"{columns}x{rows} frequencies{parts}"
+        # Errors of the samples and of the spectrum spread over the period of the replicas.
+        for axis in (0, 1):
+            width = n.target.shape[axis] * n.target.pitch[axis]
+            self.rounding_share *= min(width * self.frequencies.pitch[axis], 1.0)
         self._cached_filter: torch.Tensor | None = None
 
     def _require_applicable(self) -> None:
@@ -117,7 +112,11 @@ class SpectralPropagator(Propagator):
 
         Raises ToleranceError if some rays are grazing.
         """
-        return target_band(replace(self._numeric_span, paraxial=self.paraxial), self._band_loss())
+        n = self._numeric_span
+        lost = min(Share.BAND * n.sampling_tol, _LARGEST_ERROR)
+        return target_band(
+            n if n.paraxial == self.paraxial else replace(n, paraxial=self.paraxial), lost
+        )
 
     def _candidate_pitches(self) -> list[tuple[float, float]]:
         """Return the pitches (y, x) in metres for which a plan is tried.
@@ -126,50 +125,50 @@ class SpectralPropagator(Propagator):
         """
         return [self._numeric_span.source.pitch]
 
-    def _transform(self, geometry: FourierGeometry) -> PlaneTransform:
-        return cheapest_transform(geometry, self.dtype, self.span)
+    def _plan(self) -> float:
+        """Plan the transforms for the cheapest period of replicas, and return their error.
 
-    def _band_loss(self) -> float:
-        """Return the share of the source's light that the band may lose."""
-        return min(TOLERANCE_SHARES.band * self._numeric_span.sampling_tol, _SETTINGS.largest_error)
-
-    def _double_arithmetic(self) -> float:
-        """Return the relative rounding error in complex128, which grows with the largest phase."""
-        n = self._numeric_span
-        turns = abs(n.distance) * n.wavelength * self.band.largest_frequency**2
-        return FLOAT64_ARITHMETIC + 1e-15 * turns
-
-    def _transform_error(self) -> float:
-        """Return the error of the two Fourier transforms, without rounding."""
-        return max(stage.to_spectrum.error + stage.to_target.error for stage in self._parts)
-
-    def _plan(self) -> None:
-        """Choose the cheapest period of replicas, and plan the transforms for it."""
-        plans: list[tuple[float, Plane, list[SpectrumPart]]] = []
-        refusals: list[ToleranceError] = []
+        The spectrum is split into as few parts of whole rows as fit in memory.
+        """
+        least, refusals, speed = math.inf, [], self._numeric_span.budget.speed
         for pitches in self._candidate_pitches():
             try:
                 frequencies = self._frequencies(pitches)
-                stages = self._split_spectrum(frequencies)
+                rows, columns = frequencies.shape
+                most = 1 if self.span.differentiable else min(_MAX_PARTS, rows)
+                # This refuses what can't fit before any transform is planned.
+                self._require_memory(3 * self.dtype.itemsize * (float(rows) * columns / most))
+                count = 1
+                while True:
+                    step = -(-rows // count)
+                    try:
+                        parts = [self._build_part(frequencies, 0, step)]
+                        self._require_memory(self._part_bytes(parts[0]))
+                        break
+                    except ToleranceError:
+                        if count == most:
+                            raise
+                        count = min(2 * count, most)
+                for start in range(step, rows, step):
+                    parts.append(self._build_part(frequencies, start, start + step))
             except ToleranceError as error:
                 refusals.append(error)
                 continue
-            plans.append((self._seconds(stages), frequencies, stages))
-        if not plans:
+            seconds = self._transforms_seconds(parts, speed)
+            if seconds < least:
+                least, self.frequencies, self._parts = seconds, frequencies, parts
+        if not self._parts:
             raise refusals[0]
-        _, self.frequencies, self._parts = min(plans, key=lambda plan: plan[0])
-
-    def _seconds(self, stages: list[SpectrumPart]) -> float:
-        speed = self._numeric_span.budget.speed
-        return sum(t.cpu_seconds(speed) for s in stages for t in s.transforms)
+        return max(part.to_spectrum.error + part.to_target.error for part in self._parts)
 
     def _frequencies(self, pitches: tuple[float, float]) -> Plane:
         """Return the plane of frequencies; its period is a multiple of the pitches."""
         shape, pitch, centre = [], [], []
         for axis, least, unit in zip(self.band.axes, self.band.period, pitches, strict=True):
             length = max(math.ceil(least / unit * (1 - 1e-12)), 1)
-            self._require_memory((axis.high - axis.low) * length * unit)
-            fast = length < _SETTINGS.longest_fft_search
+            samples = (axis.high - axis.low) * length * unit
+            self._require_memory(samples * 3 * self.dtype.itemsize)
+            fast = length < _LONGEST_FFT_SEARCH
             period = (scipy.fft.next_fast_len(length) if fast else length) * unit
             count = self._count((axis.high - axis.low) * period)
             shape.append(count)
@@ -181,104 +180,86 @@ class SpectralPropagator(Propagator):
     def _count(self, steps: float) -> int:
         return math.floor(steps * (1 - 1e-12)) + 1
 
-    def _require_memory(self, samples: float) -> None:
-        self._require_bytes(samples * 3 * self.dtype.itemsize)
-
-    def _require_bytes(self, least: float) -> None:
+    def _require_memory(self, least: float) -> None:
+        """Raise ToleranceError if `least` bytes are more than the budget allows."""
         remedy = "ask for a smaller target or a larger tol"
         require_memory(self.name, least, self._numeric_span.budget.memory, remedy)
 
-    def _split_spectrum(self, frequencies: Plane) -> list[SpectrumPart]:
-        """Split the spectrum into as few parts of whole rows as fit in memory."""
-        rows, columns = frequencies.shape
-        most = 1 if self.span.differentiable else min(_SETTINGS.max_parts, rows)
-        # This refuses what can't fit before any transform is planned.
-        self._require_memory(float(rows) * columns / most)
-        parts, first = 1, self._first_part_in_memory(frequencies, rows, most == 1)
-        while first is None:
-            parts = min(2 * parts, most)
-            first = self._first_part_in_memory(frequencies, -(-rows // parts), parts == most)
-        step = -(-rows // parts)
-        starts = range(step, rows, step)
-        return [first] + [self._build_part(_rows_of(frequencies, at, at + step)) for at in starts]
-
-    def _first_part_in_memory(
-        self, frequencies: Plane, rows: int, last: bool
-    ) -> SpectrumPart | None:
-        """Plan the first rows of the spectrum; None if they don't fit in memory.
-
-        last: whether this is the last attempt, which raises ToleranceError instead.
-        """
-        try:
-            stage = self._build_part(_rows_of(frequencies, 0, rows))
-        except ToleranceError:
-            if last:
-                raise
-            return None
-        needed = stage.bytes + self._filter_bytes(stage.frequencies)
-        if last:
-            self._require_bytes(needed)
-        return stage if needed <= self.span.budget.memory else None
-
-    def _build_part(self, frequencies: Plane) -> SpectrumPart:
-        n = self._numeric_span
-        there = self._transform(FourierGeometry(n.source, frequencies, 1.0))
+    def _build_part(self, plane: Plane, first: int, last: int) -> SpectrumPart:
+        """Plan a spectrum from row `first` up to, not including, `last`."""
+        n, rows = self._numeric_span, min(last, plane.shape[0]) - first
+        place = plane.centre[0] + (first + rows // 2 - plane.shape[0] // 2) * plane.pitch[0]
+        part = Plane((rows, plane.shape[1]), plane.pitch, (place, plane.centre[1]))
+        there, back = FourierGeometry(n.source, part, 1.0), FourierGeometry(part, n.target, 1.0)
+        if self.commensurate:
+            return SpectrumPart(
+                part,
+                CommensurateTransform(there, self.dtype),
+                CommensurateTransform(back, self.dtype),
+            )
+        error = transform_error_share(n)
         return SpectrumPart(
-            frequencies, there, self._transform(FourierGeometry(frequencies, n.target, 1.0))
+            part,
+            plan_transform(there, self.dtype, n.budget, error=error),
+            plan_transform(back, self.dtype, n.budget, error=error),
+        )
+
+    def _part_bytes(self, part: SpectrumPart) -> int:
+        return max(part.to_spectrum.bytes, part.to_target.bytes) + self._filter_bytes(
+            part.frequencies
         )
 
     @property
     def bytes(self) -> int:
-        return max(stage.bytes + self._filter_bytes(stage.frequencies) for stage in self._parts)
+        return max(map(self._part_bytes, self._parts))
 
     def _filter_bytes(self, frequencies: Plane) -> int:
         """Return the bytes of the transfer function, the spectrum and their product."""
         rows, columns = frequencies.shape
-        block = max(min(rows * columns, _SETTINGS.block_size), columns)
-        making = _SETTINGS.bytes_per_frequency * block
+        block = max(min(rows * columns, _BLOCK_SIZE), columns)
+        making = _BYTES_PER_FREQUENCY * block
         if self.span.differentiable:
-            making = _SETTINGS.recorded_bytes * rows * columns
+            making = _RECORDED_BYTES * rows * columns
         return making + 4 * rows * columns * self.dtype.itemsize
 
+    @staticmethod
+    def _transforms_seconds(parts: list[SpectrumPart], speed: MachineSpeed) -> float:
+        seconds = 0.0
+        for part in parts:
+            seconds += part.to_spectrum.cpu_seconds(speed)
+            seconds += part.to_target.cpu_seconds(speed)
+        return seconds
+
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        steps = sum(t.cpu_seconds(speed) for s in self._parts for t in s.transforms)
-        return steps + self._filter_seconds(speed)
+        return self._transforms_seconds(self._parts, speed) + self._filter_seconds(speed)
 
     @property
     def _rebuilds_filter(self) -> bool:
         """Whether each call recomputes W, for derivatives or a spectrum too large for memory."""
-        return self.span.differentiable or len(self._parts) > 1
+        return len(self._parts) > 1 or self.span.differentiable
 
     def _filter_seconds(self, speed: MachineSpeed) -> float:
         rows, columns = self.frequencies.shape
-        making = _SETTINGS.touches_per_frequency if self._rebuilds_filter else 0
-        touches = 3 * self._slowness(speed) + making
-        planes = [stage.frequencies for stage in self._parts] or [self.frequencies]
-        taken = len(planes) * max(self._filter_bytes(planes[0]) - RETAINED_BYTES, 0) * speed.fresh
-        return touches * rows * columns * speed.touch + taken
-
-    @property
-    def rounding_share(self) -> float:
-        # Errors of the samples and of the spectrum spread over the period of the replicas.
-        target, df = self._numeric_span.target, self.frequencies.pitch
-        spread = zip(target.shape, target.pitch, df, strict=True)
-        return math.prod(min(count * pitch * step, 1.0) for count, pitch, step in spread)
+        making = _TOUCHES_PER_FREQUENCY if self._rebuilds_filter else 0
+        touches = 3 * speed.slowdown(self.dtype) + making
+        first = self._parts[0].frequencies if self._parts else self.frequencies
+        taken = max(len(self._parts), 1) * max(self._filter_bytes(first) - RETAINED_BYTES, 0)
+        return touches * rows * columns * speed.touch + taken * speed.fresh
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        seconds = _SETTINGS.planning_calls * speed.call
-        seconds += sum(t.planning_seconds(speed) for s in self._parts for t in s.transforms)
+        transforms = 0.0
+        for part in self._parts:
+            transforms += part.to_spectrum.planning_seconds(speed)
+            transforms += part.to_target.planning_seconds(speed)
+        seconds = _PLANNING_CALLS * speed.call + transforms
         if self._rebuilds_filter:
             return seconds
-        return seconds + _SETTINGS.touches_per_frequency * self._filter_size * speed.touch
-
-    @property
-    def _frequency_count(self) -> int:
-        return math.prod(self.frequencies.shape)
+        return seconds + _TOUCHES_PER_FREQUENCY * self._filter_size * speed.touch
 
     @property
     def _filter_size(self) -> int:
         """The number of transfer functions that the filter W takes."""
-        return self._frequency_count
+        return math.prod(self.frequencies.shape)
 
     def prepare(self) -> None:
         if not self._rebuilds_filter:
@@ -297,18 +278,16 @@ class SpectralPropagator(Propagator):
         """Compute the filter W over a plane of frequencies."""
         y, x = frequencies.mesh()
         down, along = self._weight(frequencies, 0)[:, None], self._weight(frequencies, 1)
-        radial, parts = self.band.radial, []
-        for rows in self._row_blocks(frequencies):
-            part = self._transfer(y[rows], x) * (down[rows] * along)
-            if radial:
-                part = part * radial(torch.sqrt(y[rows] ** 2 + x**2))
+        rows, columns = frequencies.shape
+        step = rows if self.span.differentiable else max(_BLOCK_SIZE // columns, 1)
+        parts = []
+        for first in range(0, rows, step):
+            block = slice(first, first + step)
+            part = self._transfer(y[block], x) * (down[block] * along)
+            if self.band.radial:
+                part = part * self.band.radial(torch.sqrt(y[block] ** 2 + x**2))
             parts.append(part.to(self.dtype))
         return parts[0] if len(parts) == 1 else torch.cat(parts)
-
-    def _row_blocks(self, frequencies: Plane) -> Iterator[slice]:
-        rows, columns = frequencies.shape
-        step = rows if self.span.differentiable else max(_SETTINGS.block_size // columns, 1)
-        return (slice(first, first + step) for first in range(0, rows, step))
 
     def _transfer(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
         span = self.span
@@ -340,28 +319,26 @@ class SpectralPropagator(Propagator):
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         if len(self._parts) == 1:
-            return self._forward_part(self._parts[0], field)
+            return self._sum_parts(field)
         return apply_linear_map(self._sum_parts, self.adjoint, field)
 
     def _sum_parts(self, field: torch.Tensor) -> torch.Tensor:
-        answer = self._forward_part(self._parts[0], field)
-        for stage in self._parts[1:]:
-            answer += self._forward_part(stage, field)
+        answer: torch.Tensor | None = None
+        for frequencies, to_spectrum, to_target in self._parts:
+            spectrum = self._apply_filter(to_spectrum(field), frequencies)
+            found = _conjugate(to_target(_conjugate(spectrum)))
+            answer = found if answer is None else answer.add_(found)
+        assert answer is not None
         return answer
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        answer = self._adjoint_part(self._parts[0], field)
-        for stage in self._parts[1:]:
-            answer = answer + self._adjoint_part(stage, field)
+        answer: torch.Tensor | None = None
+        for frequencies, to_spectrum, to_target in self._parts:
+            spectrum = to_target.adjoint(field.to(self.dtype).conj()).conj()
+            found = to_spectrum.adjoint(self._apply_filter(spectrum, frequencies, back=True))
+            answer = found if answer is None else answer + found
+        assert answer is not None
         return answer
-
-    def _forward_part(self, stage: SpectrumPart, field: torch.Tensor) -> torch.Tensor:
-        spectrum = self._apply_filter(stage.to_spectrum(field), stage.frequencies)
-        return _conjugate(stage.to_target(_conjugate(spectrum)))
-
-    def _adjoint_part(self, stage: SpectrumPart, field: torch.Tensor) -> torch.Tensor:
-        spectrum = stage.to_target.adjoint(field.to(self.dtype).conj()).conj()
-        return stage.to_spectrum.adjoint(self._apply_filter(spectrum, stage.frequencies, back=True))
 
 
 def times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
@@ -376,21 +353,6 @@ def _conjugate(values: torch.Tensor) -> torch.Tensor:
     return values.conj().resolve_conj() if values.requires_grad else values.conj_physical_()
 
 
-def _rows_of(plane: Plane, first: int, last: int) -> Plane:
-    """Return the part of a plane from row `first` up to, not including, `last`."""
-    rows = min(last, plane.shape[0]) - first
-    place = plane.centre[0] + (first + rows // 2 - plane.shape[0] // 2) * plane.pitch[0]
-    return Plane((rows, plane.shape[1]), plane.pitch, (place, plane.centre[1]))
-
-
 def transform_error_share(span: FreeSpaceSpan) -> float:
     """Return the relative error that each of the two Fourier transforms may have."""
-    allowed = TOLERANCE_SHARES.transform * span.sampling_tol
-    return min(max(allowed, FINEST_GRIDDING), _SETTINGS.largest_error)
-
-
-def cheapest_transform(
-    geometry: FourierGeometry, dtype: torch.dtype, span: FreeSpaceSpan
-) -> PlaneTransform:
-    """Plan the cheapest Fourier transform between two planes for a span's tolerance."""
-    return plan_transform(geometry, dtype, span.numeric.budget, error=transform_error_share(span))
+    return min(max(Share.TRANSFORM * span.sampling_tol, FINEST_GRIDDING), _LARGEST_ERROR)

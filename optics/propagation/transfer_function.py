@@ -47,9 +47,9 @@ def free_space_transfer_function(
 def axial_frequency(
     y: torch.Tensor, x: torch.Tensor, wavelength: float, *, paraxial: bool = False
 ) -> torch.Tensor:
-    """Return the axial frequency of plane waves, cycles/m, float64.
+    """Return the axial frequency of plane waves, cycles/m, float64; 0 for evanescent waves.
 
-    y, x: the waves' lateral frequencies, cycles per metre. The result is 0 for evanescent waves.
+    y, x: the waves' lateral frequencies, cycles per metre.
     """
     f2 = y**2 + x**2
     if paraxial:
@@ -74,10 +74,9 @@ class PlaneWaveRays:
     paraxial: bool
 
     def tangent(self, frequency: float, across: float = 0.0) -> float:
-        """Return the tangent of a plane wave's ray along an axis.
+        """Return the tangent of a plane wave's ray along an axis; infinite from grazing waves on.
 
-        frequency, across: along this axis and along the other one, cycles per metre. The tangent is
-        infinite for grazing and evanescent waves.
+        frequency, across: along this axis and along the other one, cycles per metre.
         """
         sine = self.wavelength * frequency
         if self.paraxial:
@@ -93,9 +92,9 @@ class PlaneWaveRays:
         return tangent * math.sqrt(cosine2 / (1 + tangent**2)) / self.wavelength
 
     def ray_slope(self, frequency: float, distance: float) -> float:
-        """Return the slope dX/df of a ray's displacement at a frequency, in m².
+        """Return the slope dX/df of a ray's displacement, m².
 
-        It is also a lower bound for waves with a frequency along the other axis.
+        It is a lower bound for waves with a frequency along the other axis.
         """
         flat = self.wavelength * abs(distance)
         if self.paraxial:
@@ -109,10 +108,9 @@ class PlaneWaveRays:
 
 
 def paraxial_phase_error(wavelength: float, distance: float, frequency: float) -> float:
-    """Return the phase error of the paraxial model at a frequency, in radians.
+    """Return the phase error in radians, or relative error, of the paraxial model at a frequency.
 
-    The error of the paraxial transfer function is the next term of its series, pi / 4 wavelength³
-    ``|distance|`` f⁴ (section 4.2.1 of Goodman). A small phase error is also the relative error of
-    the field.
+    It is the next term of the phase's series, pi / 4 wavelength³ ``|distance|`` f⁴ (section 4.2.1
+    of Goodman).
     """
     return math.pi / 4 * wavelength**3 * abs(distance) * frequency**4

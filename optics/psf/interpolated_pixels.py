@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 from optics.accuracy import MachineSpeed
 from optics.caching import ByteCache
 from optics.fourier import FourierGeometry, unit_phasor
-from optics.fourier.banded_matrix import BandedMatrix
 from optics.fourier.differentiation import apply_function, apply_linear_map
-from optics.fourier.fitted_interpolation import FittedInterpolation, interpolation_width
+from optics.fourier.fitted_interpolation import (
+    BandedMatrix,
+    FittedInterpolation,
+    interpolation_width,
+)
 from optics.fourier.spectrum_grid import FullSpectrum, MirroredSpectrum, SpectrumGrid
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
@@ -204,9 +207,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         products = 4 * columns * (y.kept_count * x.span(width) + rows * y.span(width))
         passes = 6 * y.given_count * x.given_count + 8 * (y.kept_count * columns + rows * columns)
         seconds = operations * speed.fft + products * speed.multiply_add + passes * speed.touch
-        return (
-            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
-        )
+        return speed.call + seconds * speed.slowdown(self.dtype) + self.allocation_seconds(speed)
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of fitting the weights."""

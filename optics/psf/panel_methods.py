@@ -123,7 +123,7 @@ class PanelMethod(CandidateMethod):
         passes = self._panel_pixels * (_PIXEL_PASSES + terms * _TERM_PASSES)
         passes += rows * columns * _SAMPLE_PASSES
         sums = self.terms * self.transform.cpu_seconds(speed)
-        return passes * speed.touch * self.transform.precision_slowdown(speed) + sums
+        return passes * speed.touch * speed.slowdown(self.transform.dtype) + sums
 
     def straight_seconds(self, speed: MachineSpeed) -> float:
         """Predict the seconds of light without a pattern, where it is a product over both axes."""

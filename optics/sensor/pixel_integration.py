@@ -9,8 +9,8 @@ from fractions import Fraction
 import torch
 
 from optics.accuracy import Budget, MachineSpeed, require_memory, require_time
-from optics.fourier.banded_matrix import STEPS_PER_ROW, BandedMatrix
 from optics.fourier.differentiation import apply_linear_map
+from optics.fourier.fitted_interpolation import BandedMatrix
 from optics.plane import Plane
 from optics.sensor.pixel_weights import (
     FIT_SECONDS,
@@ -245,7 +245,7 @@ class PixelIntegration:
 
         Weights that were kept from an earlier plan cost nothing.
         """
-        rows = STEPS_PER_ROW * sum(self._shape) * speed.step
+        rows = BandedMatrix.STEPS_PER_ROW * sum(self._shape) * speed.step
         return 2 * speed.call + rows + sum(one.fit_seconds(speed) for one in self._fitted)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:

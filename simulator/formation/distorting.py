@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera, Lens
-from optics.camera.colour_curve import wavelengths_between
+from optics.camera.camera import wavelengths_between
 from optics.fourier import irfft2, rfft2
 from optics.plane import Plane
 from simulator.probing.picture_probe import MARGIN

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from optics.fourier import FourierGeometry
-from optics.fourier.banded_matrix import BandedMatrix
-from optics.fourier.fitted_interpolation import FittedInterpolation
+from optics.fourier.fitted_interpolation import BandedMatrix, FittedInterpolation
 from optics.fourier.spectrum_grid import FullSpectrum, MirroredSpectrum
 from optics.plane import Plane
 from optics.psf.interpolated_pixels import InterpolatedPixelTransform

@@ -242,8 +242,8 @@ def test_tiles_change_nothing(monkeypatch):
     field, back = random_field(SMALL.shape), random_field(ANY.shape)
     method = DirectQuadrature(span)
     there, here = method.forward(field), method.adjoint(back)
-    small = replace(rayleigh_sommerfeld._SETTINGS, tile_pairs=50, tile_source_points=10)
-    monkeypatch.setattr(rayleigh_sommerfeld, "_SETTINGS", small)
+    monkeypatch.setattr(rayleigh_sommerfeld, "_TILE_PAIRS", 50)
+    monkeypatch.setattr(rayleigh_sommerfeld, "_TILE_SOURCE_POINTS", 10)
     assert torch.allclose(method.forward(field), there, rtol=1e-12, atol=0)
     assert torch.allclose(method.adjoint(back), here, rtol=1e-12, atol=0)
 

@@ -474,7 +474,7 @@ def test_a_dim_target_s_account_has_the_time_of_all_plans():
     assert share < 1e-3
     both = operator.account
     speed = operator.span.budget.speed
-    pair = rayleigh_sommerfeld._SETTINGS.pair_touches * speed.touch
+    pair = rayleigh_sommerfeld._PAIR_TOUCHES * speed.touch
     assert both.cpu_predicted - first.cpu_predicted == pytest.approx(
         speed.call + pair * points(both) * 7 * 8
     )

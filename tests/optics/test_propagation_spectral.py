@@ -434,7 +434,7 @@ def test_a_spectrum_that_no_parts_make_fit_is_refused_before_any_transform(monke
     def planned(*_):
         raise AssertionError("a transform was planned")
 
-    monkeypatch.setattr("optics.propagation.spectral_propagator.cheapest_transform", planned)
+    monkeypatch.setattr("optics.propagation.spectral_propagator.plan_transform", planned)
     panel, target = Plane((7, 8), (10e-6, 8e-6)), Plane((3, 4), (13e-6, 9e-6), (11e-6, -15e-6))
     span = FreeSpaceSpan(panel, target, 1e-9, BLUE, cells=(9e-6, 8e-6), paraxial=True)
     with pytest.raises(ToleranceError, match="allow more memory"):
