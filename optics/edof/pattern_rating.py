@@ -141,10 +141,6 @@ class DepthMemory:
         return float((shares * lost).sum())
 
 
-_KNOWN_DEPTH_RATE = 0.4
-"""Rate in radians for the known-depth criterion; chosen, between .3 and .6 of `settings_for`."""
-
-
 @dataclass(frozen=True)
 class SearchSettings:
     """Tune the search for a pattern.
@@ -154,7 +150,7 @@ class SearchSettings:
     rate : float
         Largest change of a parameter per step, about; radians for phases. Measured for the blind
         criterion, a quarter of a panel and rings to start from, after 600 steps: .05, .1 and .2
-        reach the same to .04 dB, .1 the most. See also `settings_for`.
+        reach the same to .04 dB, .1 the most.
     depths : int
         Depths per step. Measured as above, in equal time: 1 and 6 are .07 dB worse than 2.
     parts : int
@@ -187,17 +183,6 @@ class SearchSettings:
             require_count(name, getattr(self, name))
         if self.depths > self.parts:
             raise ValueError(f"depths is {self.depths}; choose at most the {self.parts} parts")
-
-
-def settings_for(criterion: str) -> SearchSettings:
-    """Return the settings with which a search starts for a criterion.
-
-    With the depth known, larger steps are better. Measured from a cubic pattern: .3 radians gained
-    1.25 dB in 250 steps, 1.5 radians 1.1 dB, and .1 radians 1.1 dB in 500. Large steps lose the
-    start's level at first, and gain more once the rate has fallen.
-    """
-    rate = _KNOWN_DEPTH_RATE if criterion == "known" else SearchSettings.rate
-    return SearchSettings(rate=rate)
 
 
 @dataclass(eq=False)

@@ -20,7 +20,7 @@ from optics.edof.learned import learned_decoder
 from optics.edof.protocol import HIGH_NOISE, STRICT, EdofProtocol, prepare_scene
 from optics.edof.protocol_psfs import compute_depth_psfs
 from optics.edof.pupil_pattern import PupilPattern
-from optics.edof.score_table import EvaluationTable, ScoreRow
+from optics.edof.scoring import EvaluationTable, ScoreRow
 from optics.metrics import psnr
 from optics.threads import single_threaded
 

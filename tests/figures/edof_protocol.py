@@ -21,8 +21,7 @@ from optics.edof.pattern_search import design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
 from optics.edof.protocol import AUTHORS, HIGH_NOISE, STRICT, EdofProtocol
 from optics.edof.pupil_pattern import PupilPattern
-from optics.edof.score_table import EvaluationTable, ScoreRow
-from optics.edof.scoring import CaptureScores, compare_scores
+from optics.edof.scoring import CaptureScores, EvaluationTable, ScoreRow, compare_scores
 from optics.edof.training_spectrum import measure_training_spectrum
 from optics.edof.transfer_design import TransferDesign
 from optics.patterns import (

@@ -24,14 +24,17 @@ from optics.edof.evaluation import MeasuredPattern, evaluate_patterns
 from optics.edof.protocol import EdofProtocol, NoiseRange
 from optics.edof.protocol_psfs import CameraPSFs, compute_depth_psfs, measured_depth_psfs
 from optics.edof.pupil_pattern import PupilPattern
-from optics.edof.score_table import (
+from optics.edof.scoring import (
     Alarm,
+    CaptureScores,
     check_energy,
     check_off_grid,
     check_repeatability,
     check_sampler,
+    compare_scores,
+    on_grid_advantage,
+    score_picture,
 )
-from optics.edof.scoring import CaptureScores, compare_scores, on_grid_advantage, score_picture
 from optics.progress import Cancelled, Progress
 
 # Pixels of 80 um, so that few of them fill a pupil of 4.3 x 7.7 mm.
