@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import torch
 
-from optics.edof.protocol import EdofProtocol
+from optics.edof.picture_spectrum import FrequencyGrid, fit_spectrum_model, mean_spectrum
+from optics.edof.protocol import EdofProtocol, prepare_scene
 from optics.edof.protocol_psfs import DepthPSFs, compute_transfer
 from optics.edof.spectral_criterion import blind_filter
 from optics.fourier import fast_fft_length, irfft2, rfft2
@@ -50,8 +51,7 @@ def extend_antisymmetrically(
     period is smaller than the capture, or more than twice as large, or the noise is negative or
     infinite.
 
-    capture: (rows, columns).
-    shape: rows and columns of the period, at least those of the capture and at most twice as many.
+    shape: rows and columns of the period.
     noise: standard deviation of a pixel, relative to white. The value at the edge is a mean over
         the more pixels, the more noise there is.
     """
@@ -145,6 +145,48 @@ class KnownDepthDecoder:
 Decoder = BlindDecoder | KnownDepthDecoder
 
 
+def measure_training_spectrum(
+    pictures: Iterable[torch.Tensor], protocol: EdofProtocol, size: int = 512
+) -> Spectrum:
+    """Measure the power spectrum that linear decoders of a protocol take pictures to have.
+
+    A spectrum depends on how pictures are brought to size and on the light in which they are
+    simulated. That of photographs at their own size is far too strong at high frequencies for
+    photographs that were enlarged to 2048 pixels.
+
+    Parameters
+    ----------
+    pictures : iterable of torch.Tensor
+        Photographs in sRGB values, as for `prepare_scene`, that no evaluation uses.
+    protocol : EdofProtocol
+        How pictures are brought to size, and in which light they are.
+    size : int, default 512
+        Pixels along a side of the tiles whose spectra are measured; even.
+
+    Returns
+    -------
+    callable
+        Gives the spectrum for pictures of n x n pixels, n even, from a smooth model.
+
+    Raises
+    ------
+    ValueError
+        If there is no picture, or one is invalid.
+    """
+    # To the protocol's size and light, without its crop.
+    prepared = (
+        prepare_scene(
+            one,
+            protocol.shortest_edge or int(min(one.shape[:2])),
+            protocol.light,
+            protocol.shortest_edge,
+        )
+        for one in pictures
+    )
+    model = fit_spectrum_model(mean_spectrum(prepared, size))
+    return lambda side: model.on_grid(FrequencyGrid(side))
+
+
 def no_decoder() -> BlindDecoder:
     """Return a decoder that gives back the capture, scaled to the brightness of the scene.
 
@@ -176,14 +218,7 @@ def blind_wiener(spectrum: Spectrum) -> BlindDecoder:
     BlindDecoder
         The decoder.
     """
-
-    on_grid = functools.cache(spectrum)
-
-    def build(design: torch.Tensor, noise: float) -> Restore:
-        response = blind_filter(design, on_grid(design.shape[-2]), noise)
-        return restore_by_filter(response, noise)
-
-    return BlindDecoder("blind Wiener", build)
+    return BlindDecoder("blind Wiener", _filter_builder(spectrum))
 
 
 def known_depth_wiener(spectrum: Spectrum) -> KnownDepthDecoder:
@@ -199,14 +234,19 @@ def known_depth_wiener(spectrum: Spectrum) -> KnownDepthDecoder:
     KnownDepthDecoder
         The decoder.
     """
+    build = _filter_builder(spectrum)
+    return KnownDepthDecoder("known-depth Wiener", lambda one, noise: build(one[None], noise))
 
+
+def _filter_builder(spectrum: Spectrum) -> Callable[[torch.Tensor, float], Restore]:
+    """Return what builds the best filter for transfer functions at some depths."""
     on_grid = functools.cache(spectrum)
 
-    def build(transfer: torch.Tensor, noise: float) -> Restore:
-        response = blind_filter(transfer[None], on_grid(transfer.shape[-2]), noise)
+    def build(transfers: torch.Tensor, noise: float) -> Restore:
+        response = blind_filter(transfers, on_grid(transfers.shape[-2]), noise)
         return restore_by_filter(response, noise)
 
-    return KnownDepthDecoder("known-depth Wiener", build)
+    return build
 
 
 def decoding_period(protocol: EdofProtocol) -> tuple[int, int]:

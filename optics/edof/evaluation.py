@@ -12,13 +12,15 @@ from optics.camera import Camera
 from optics.edof.decoders import BlindDecoder, Decoder, Restore, decoding_period, decoding_transfers
 from optics.edof.protocol import EdofProtocol, LightScale, prepare_scene
 from optics.edof.protocol_psfs import (
+    STOP_DIAMETERS,
     CameraPSFs,
     DepthPSFs,
     PSFSource,
+    PupilPattern,
     compute_depth_psfs,
     compute_transfer,
+    round_stop,
 )
-from optics.edof.pupil_pattern import STOP_DIAMETERS, PupilPattern, round_stop
 from optics.edof.scoring import (
     PARTS,
     Alarm,

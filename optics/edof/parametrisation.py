@@ -217,7 +217,7 @@ class SeparablePhase(PhaseParametrisation):
         lines = [
             torch.cat([line[pixels % 2 :].flip(0), line]) if mirrored else line
             for line, pixels, mirrored in zip(
-                parameters.split(self._counts), self.shape, self.mirrored_axes, strict=True
+                torch.split(parameters, self._counts), self.shape, self.mirrored_axes, strict=True
             )
         ]
         return torch.cat(lines)

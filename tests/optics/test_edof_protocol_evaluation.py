@@ -22,8 +22,12 @@ from optics.edof.decoders import (
 )
 from optics.edof.evaluation import MeasuredPattern, evaluate_patterns
 from optics.edof.protocol import EdofProtocol, NoiseRange
-from optics.edof.protocol_psfs import CameraPSFs, compute_depth_psfs, measured_depth_psfs
-from optics.edof.pupil_pattern import PupilPattern
+from optics.edof.protocol_psfs import (
+    CameraPSFs,
+    PupilPattern,
+    compute_depth_psfs,
+    measured_depth_psfs,
+)
 from optics.edof.scoring import (
     Alarm,
     CaptureScores,
