@@ -46,9 +46,8 @@ class FarField:
     ) -> torch.Tensor:
         """Transform a field from the window to the panel, and back with the panel's amplitude.
 
-        On the panel, the field keeps its phase and gets the panel's amplitude. The result is
-        forward(amplitude * unit_modulus(adjoint(field))). amplitude: real, (rows, columns) of the
-        panel; None is one everywhere.
+        The result is forward(amplitude * unit_modulus(adjoint(field))). amplitude: real, (rows,
+        columns) of the panel; None is one everywhere.
         """
         frames = field.reshape(-1, *self.window)
         answers = [self._bounce(frame, amplitude) for frame in frames]
@@ -65,12 +64,12 @@ class FarField:
             part = slice(first, min(first + step, rows))
             spectrum = memory[: part.stop - part.start]
             self._embed_window(along[part], 1, spectrum)
-            pupil = fft(spectrum, self.length, -1, inverse=True, scaled=False, overwrite=True)
+            pupil = self._inverse(spectrum)
             modulated = pupil[:, :columns].sgn_()
             if amplitude is not None:
                 modulated *= amplitude[part]
             pupil[:, columns:] = 0
-            self._crop_window_into(fft(pupil, self.length, -1, overwrite=True), 1, picked[part])
+            self._crop_window(fft(pupil, self.length, -1, overwrite=True), 1, picked[part])
         return self._crop_window(fft(picked.mT.contiguous(), self.length, -1), 0).mT
 
     def _columns_back(self, field: torch.Tensor) -> torch.Tensor:
@@ -82,16 +81,16 @@ class FarField:
         """Apply the adjoint of the FFT along the last axis of a spectrum."""
         return fft(spectrum, self.length, -1, inverse=True, scaled=False, overwrite=True)
 
-    def _crop_window(self, spectrum: torch.Tensor, axis: int) -> torch.Tensor:
-        """Crop the window from a spectrum's last axis; move its origin to n // 2."""
-        below, above = self._halves(axis)
-        return torch.cat([spectrum[..., self.length - below :], spectrum[..., :above]], dim=-1)
+    def _crop_window(
+        self, spectrum: torch.Tensor, axis: int, window: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """Crop the window from a spectrum's last axis; move its origin to n // 2.
 
-    def _crop_window_into(self, spectrum: torch.Tensor, axis: int, window: torch.Tensor) -> None:
-        """Crop the window as _crop_window() does, into existing memory."""
+        window: existing memory for the result; None allocates it.
+        """
         below, above = self._halves(axis)
-        window[..., :below] = spectrum[..., self.length - below :]
-        window[..., below:] = spectrum[..., :above]
+        parts = (spectrum[..., self.length - below :], spectrum[..., :above])
+        return torch.cat(parts, dim=-1, out=window)
 
     def _embed_window(
         self, window: torch.Tensor, axis: int, spectrum: torch.Tensor | None = None

@@ -114,13 +114,8 @@ def gerchberg_saxton(
     require_count("iterations", iterations)
     goal = RetrievalGoal(camera, target, plane, wavelength)
     pixels = Superpixels(goal, 1)
-    field = starting_field(goal, pixels, start, generator)
-    asked = iterate_constraint(
-        pixels,
-        field,
-        amplitude_constraint(pixels.target_intensity),
-        iterations,
-        progress or Progress(),
-        "Gerchberg-Saxton",
-    )
+    field = starting_field(pixels, start, generator)
+    constrain = amplitude_constraint(pixels.target_intensity)
+    progress, name = progress or Progress(), "Gerchberg-Saxton"
+    asked = iterate_constraint(pixels, field, constrain, iterations, progress, name)
     return pixels.pixel_phases(asked)

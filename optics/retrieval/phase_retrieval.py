@@ -55,22 +55,20 @@ def measure_quality(goal: RetrievalGoal, light: torch.Tensor) -> PatternQuality:
     """
     target = goal.target
     return PatternQuality(
-        efficiency(light_with_gaps(goal, light), target),
+        efficiency(_light_with_gaps(goal, light), target),
         efficiency(light, target),
         speckle_contrast(light, target),
         scaled_nrmse(light, target),
     )
 
 
-def light_with_gaps(goal: RetrievalGoal, light: torch.Tensor) -> torch.Tensor:
+def _light_with_gaps(goal: RetrievalGoal, light: torch.Tensor) -> torch.Tensor:
     """Convert a PSF to shares of all light, with the panel's gaps and unmodulated light.
 
     A pixel of fill factor F sends the share F sinc²(m sqrt F) sinc²(n sqrt F) of its light to the
     place m by n orders off the axis, and unmodulated light adds in intensity (thesis §5.6). Where
     the stop's shadow limits the light, shares are of what panel and stop would pass in one plane,
     as those of a PSFOperator.
-
-    light: PSF of the modulated light, as shares of one order's light, (rows, columns).
     """
     camera, panel = goal.camera, goal.camera.panel
     order = goal.plane.pitch[0] * goal.far_field_samples
@@ -174,7 +172,7 @@ def retrieve(
         no iteration fits in the budget, or `budget` and `iterations` are both given.
     """
     progress, speed = progress or Progress(), speed or MachineSpeed()
-    _require(frames, budget, iterations, method)
+    _require_valid(frames, budget, iterations, method)
     require_start(start)
     goal = RetrievalGoal(camera, target, plane, wavelength)
     # A panel whose range is too short is refused before any pattern is computed.
@@ -184,9 +182,14 @@ def retrieve(
     if budget is None:
         method, count = method or quick, 100 if iterations is None else iterations
     else:
-        best = _best_option(
-            goal, frames, budget, method or quick, slow or method is not None, speed
-        )
+        # Where a budget leaves time for it, the descent is better than the quick method: it gains
+        # more from 5 steps on.
+        least = {method or quick: 1} if slow or method is not None else {quick: 1, "descent": 5}
+        options = [
+            _affordable_option(goal, frames, budget, name, count, speed)
+            for name, count in least.items()
+        ]
+        best = best_within(budget, options)
         method, count = best.method, best.count
     job = RetrievalJob(goal, frames, count, generator, progress.part(0, 0.9), start)
     started = time.process_time()
@@ -199,7 +202,9 @@ def retrieve(
     return RetrievalResult(phases, orders, method, count, quality, spent)
 
 
-def _require(frames: int, budget: float | None, iterations: int | None, method: str | None) -> None:
+def _require_valid(
+    frames: int, budget: float | None, iterations: int | None, method: str | None
+) -> None:
     """Raise ValueError for arguments that are invalid for any target."""
     if not 1 <= frames <= MOST_FRAMES:
         raise ValueError(
@@ -216,20 +221,6 @@ def _require(frames: int, budget: float | None, iterations: int | None, method: 
     select_methods(serving, method, _count_phrase(frames, "frame"))
 
 
-def _best_option(
-    goal: RetrievalGoal, frames: int, budget: float, method: str, alone: bool, speed: MachineSpeed
-) -> IterationOption:
-    """Choose between a method and the descent, and the number of iterations.
-
-    The descent is chosen where it is better. alone: whether the descent is excluded.
-    """
-    settings = [_affordable_option(goal, frames, budget, method, 1, speed)]
-    if not alone:
-        # From 5 steps on, the descent gains more than the quick method would.
-        settings.append(_affordable_option(goal, frames, budget, "descent", 5, speed))
-    return best_within(budget, settings)
-
-
 def _affordable_option(
     goal: RetrievalGoal, frames: int, budget: float, method: str, least: int, speed: MachineSpeed
 ) -> IterationOption:
@@ -237,23 +228,15 @@ def _affordable_option(
 
     The option has at least `least` iterations. `least` also ranks the option's gain.
     """
-    before, way = _startup_seconds(goal, frames, method, speed), METHODS[method]
+    before, way = 0.0, METHODS[method]
+    if method == "descent":
+        # It starts from phases that the quick method retrieves.
+        quick = METHODS[quick_method(frames)]
+        before = quick.seconds(goal, frames, iterations_to_converge(frames), speed)
     count = max(way.iterations(goal, frames, budget - before, speed), least)
     seconds = before + way.seconds(goal, frames, count, speed)
     words = f"{_count_phrase(least, 'iteration')} of {method} with {_count_phrase(frames, 'frame')}"
     return IterationOption(method, count, seconds, least, words)
-
-
-def _startup_seconds(goal: RetrievalGoal, frames: int, method: str, speed: MachineSpeed) -> float:
-    """Predict the seconds before a method's first iteration.
-
-    Only the descent needs any: it starts from phases that the quick method retrieves.
-    """
-    if method != "descent":
-        return 0.0
-    return METHODS[quick_method(frames)].seconds(
-        goal, frames, iterations_to_converge(frames), speed
-    )
 
 
 def _count_phrase(number: int, thing: str) -> str:
