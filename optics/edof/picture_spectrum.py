@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 
 from optics.fourier.fft import rfft_column_weights
-from optics.validation import accepts_numpy, require_count, require_finite
+from optics.validation import accepts_numpy, require_finite
 
 
 @dataclass(frozen=True)
@@ -138,28 +138,6 @@ class SpectrumModel:
         spectrum = torch.exp(torch.einsum("t...,t->...", terms, flat))
         return torch.where(torch.hypot(fy, fx) > 0, spectrum, 0.0)
 
-    def binned_on_grid(self, grid: FrequencyGrid, binning: int) -> torch.Tensor:
-        """Compute the power spectrum of pictures whose pixels are averaged in squares.
-
-        Binning averages binning x binning pixels into one, so that the same scene has fewer, larger
-        pixels. It multiplies by the transfer function of a square and folds all frequencies that
-        are whole cycles per new pixel apart onto one another. The result is (rows, columns),
-        float64, and zero at zero frequency.
-
-        grid: the frequencies of the binned pictures.
-        binning: old pixels along each side of a new pixel, 1 or more.
-        """
-        require_count("binning", binning)
-        fy, fx = grid.frequencies()
-        total = torch.zeros(grid.shape, dtype=torch.float64)
-        for my in range(binning):
-            for mx in range(binning):
-                oy, ox = (_fold_frequency((f + m) / binning) for f, m in ((fy, my), (fx, mx)))
-                box = averaging_transfer(oy, binning) * averaging_transfer(ox, binning)
-                total += box**2 * self.at(oy, ox) / binning**2
-        total[0, 0] = 0.0
-        return total
-
 
 NATURAL_SPECTRUM = SpectrumModel(
     coefficients=(
@@ -278,17 +256,3 @@ def _tiled_periodogram(centred: torch.Tensor, size: int) -> torch.Tensor:
             transform = torch.fft.rfft2(tile, s=(size, size))
             total += transform.real**2 + transform.imag**2
     return total / (rows * columns)
-
-
-def _fold_frequency(frequency: torch.Tensor) -> torch.Tensor:
-    """Return frequencies folded into -1/2 to 1/2 cycles per pixel."""
-    return frequency - torch.round(frequency)
-
-
-def averaging_transfer(frequency: torch.Tensor, binning: int) -> torch.Tensor:
-    """Return the transfer function of a mean over a row of `binning` pixels.
-
-    frequency: cycles per pixel before binning.
-    """
-    below = torch.sinc(frequency)
-    return torch.sinc(binning * frequency) / below

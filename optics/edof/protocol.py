@@ -128,19 +128,16 @@ def convert_to_luminance(channels: torch.Tensor) -> torch.Tensor:
 Border = Literal["periodic", "true"]
 """What lies beyond a capture: the same picture again, or the rest of a larger scene."""
 
-SSIM_WINDOW = "Gaussian, sigma 1.5, 11 x 11 pixels"
-"""The window of `optics.metrics.ssim`."""
-
 
 @dataclass(frozen=True)
 class NoiseRange:
-    """The noise of captures: a standard deviation, or several over a range.
+    """The noise of captures with the full aperture: a standard deviation, or several over a range.
 
-    low, high: smallest and largest standard deviation of a pixel, relative to white, with the full
-        aperture. Positive; equal for one noise level.
+    low, high: smallest and largest standard deviation of a pixel, relative to white. Positive;
+        equal for one noise level.
     levels: number of noise levels: the midpoints of so many equal parts of the range.
-    shot_share: share, 0 to 1, of a white pixel's variance with the full aperture that is photon
-        noise. It is proportional to the light. The rest, read noise, doesn't depend on it.
+    shot_share: share, 0 to 1, of a white pixel's variance that is photon noise, in proportion to
+        the light. The rest, read noise, doesn't depend on it.
     """
 
     low: float
@@ -158,7 +155,7 @@ class NoiseRange:
 
     @property
     def deviations(self) -> tuple[float, ...]:
-        """Standard deviation of each noise level, with the full aperture."""
+        """Standard deviation of each noise level."""
         if self.low == self.high:
             return (self.low,)
         width = (self.high - self.low) / self.levels
@@ -206,7 +203,7 @@ class EdofProtocol:
         Scales in which pictures are compared. Encoded values that are taken as light are compared
         as they are, "srgb".
     peak : float, optional
-        Peak of the PSNR, and data range of the SSIM, whose window is SSIM_WINDOW.
+        Peak of the PSNR, and data range of the SSIM (see `optics.metrics.ssim`).
     border : {"periodic", "true"}, optional
         "periodic": the image wraps around the crop. "true": the scene is larger than the capture
         by the whole PSF, and the decoder gets the capture alone.
