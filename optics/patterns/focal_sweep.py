@@ -9,8 +9,13 @@ import numpy as np
 import torch
 
 from optics.camera import Panel
-from optics.patterns.foci import require_depth_range, require_lengths, require_slope_within
-from optics.patterns.visible_area import corner_radius, visible_share
+from optics.patterns.foci import (
+    corner_radius,
+    require_depth_range,
+    require_lengths,
+    require_slope_within,
+    visible_share,
+)
 from optics.quarter_symmetry import mirror_quarter, quarter_distances
 
 __all__ = ["focal_sweep_axicon"]

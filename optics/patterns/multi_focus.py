@@ -23,8 +23,9 @@ from optics.patterns.foci import (
     require_lengths,
     require_slope_within,
     require_vergences,
+    visible_area,
+    visible_share,
 )
-from optics.patterns.visible_area import visible_area, visible_share
 from optics.quarter_symmetry import mirror_quarter, quarter_distances
 
 __all__ = ["even_vergences", "lattice_focal_lens", "multi_focus_rings"]
@@ -220,8 +221,9 @@ def _most_rings(panel: Panel, radius: float) -> int:
 
     The narrowest ring is where the circle is longest on the panel, before its edges cut it.
     """
+    last = torch.tensor(radius**2, dtype=torch.float64)
     longest = 2 * math.pi * min(radius, min(panel.shape) * panel.pitch / 2)
-    return max(1, math.floor(visible_area(panel, radius) / (longest * panel.pitch)))
+    return max(1, math.floor(float(visible_area(panel, last)) / (longest * panel.pitch)))
 
 
 def _waves_at_edges(

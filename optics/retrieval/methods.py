@@ -23,10 +23,10 @@ from optics.retrieval.gerchberg_saxton import (
     iterate_constraint,
     mixed_region_constraint,
     over_compensated_constraint,
+    weighted_spots_field,
 )
 from optics.retrieval.goal import RetrievalGoal
 from optics.retrieval.slow_crystal import shortest_panel_phases, slow_crystal_frames
-from optics.retrieval.spots import weighted_spots_field
 from optics.retrieval.superpixel import (
     RetrievalJob,
     Superpixels,
