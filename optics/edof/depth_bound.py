@@ -88,7 +88,14 @@ def overlap_integrals(
     serves to check "gauss-legendre".
     """
     require_count("nodes", nodes)
-    points, weights = _unit_rule(nodes, rule)
+    if rule == "midpoint":
+        points = (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
+        weights = torch.full_like(points, 1 / nodes)
+    elif rule == "gauss-legendre":
+        found, sums_to_two = gauss_legendre(nodes)
+        points, weights = torch.from_numpy((found + 1) / 2), torch.from_numpy(sums_to_two / 2)
+    else:
+        raise ValueError(f"rule is {rule!r}; choose gauss-legendre or midpoint")
     areas, squares = [], []
     size = max(1, _CHUNK_POINTS // nodes)
     for one_y, one_x in zip(
@@ -101,17 +108,6 @@ def overlap_integrals(
         areas.append(length * (width @ weights))
         squares.append(length * (width**2 @ weights))
     return torch.cat(areas), torch.cat(squares)
-
-
-def _unit_rule(nodes: int, rule: str) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return nodes and weights of a quadrature from 0 to 1."""
-    if rule == "midpoint":
-        points = (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
-        return points, torch.full_like(points, 1 / nodes)
-    if rule != "gauss-legendre":
-        raise ValueError(f"rule is {rule!r}; choose gauss-legendre or midpoint")
-    found, weights = gauss_legendre(nodes)
-    return torch.from_numpy((found + 1) / 2), torch.from_numpy(weights / 2)
 
 
 def _direction(sy: torch.Tensor, sx: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

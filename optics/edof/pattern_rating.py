@@ -90,14 +90,11 @@ def rate_transfers(
     shares: torch.Tensor,
     noise: float,
 ) -> PatternRating:
-    """Compute the expected PSNR of linear restoration from OTFs at depths, taken one by one.
+    """Compute the expected PSNR of linear restoration from OTFs at `count` depths, one by one.
 
     transfers: OTF at each depth, (rows, columns), relative to the light of the open pupil; the
         depths weigh the same.
-    count: number of the depths.
-    spectrum, shares: power spectrum of the pictures, float64, and the frequencies' shares, (rows,
-        columns).
-    noise: standard deviation of a pixel's noise, where white is 1.
+    spectrum, shares: power spectrum of the pictures, float64, and the frequencies' shares.
     """
     memory = DepthMemory(count, spectrum, noise)
     known, light = [], 0.0
@@ -110,9 +107,8 @@ def rate_transfers(
 
 
 class DepthMemory:
-    """Sums over depth of OTFs and of their squared moduli, of which the blind filter is made.
+    """Sums over `count` depths of OTFs and of their squared moduli, for the blind filter.
 
-    count: number of depths that are summed.
     spectrum: power spectrum of the pictures, (rows, columns), float64.
     noise: standard deviation of a pixel's noise, where white is 1.
     """
@@ -151,11 +147,9 @@ class SearchSettings:
         Largest change of a parameter per step, about; radians for phases. Measured for the blind
         criterion, a quarter of a panel and rings to start from, after 600 steps: .05, .1 and .2
         reach the same to .04 dB, .1 the most.
-    depths : int
-        Depths per step. Measured as above, in equal time: 1 and 6 are .07 dB worse than 2.
-    parts : int
-        Equal parts of the depth range from which depths are drawn in turn. Chosen: 24 steps go
-        through all of them.
+    depths, parts : int
+        Depths per step, and equal parts of the depth range from which they are drawn in turn.
+        Measured as above, in equal time: 1 and 6 depths are .07 dB worse than 2.
     warm_up : int
         Steps over which the rate grows from zero; chosen.
     last_rate : float

@@ -108,7 +108,6 @@ class SpectrumModel:
     the pictures' mean isn't counted, and constant in |f| below one cycle over 512 pixels.
 
     coefficients: c[m][k] for the multiples 0, 2, 4 ... of the angle: up to five rows of one length.
-    source: the pictures that the spectrum is of.
     """
 
     coefficients: tuple[tuple[float, ...], ...]

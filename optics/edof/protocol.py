@@ -60,7 +60,6 @@ def prepare_scene(
 
     picture: values encoded by the curve of sRGB, (rows, columns) or (rows, columns, 3) in red,
         green, blue; float from 0 to 1, or uint8 from 0 to 255.
-    side: side of the scene in pixels.
     light: "linear" decodes the values to light; "srgb" takes the encoded values as if they were
         light.
     shortest_edge: pixels of the photograph's shortest edge after it is resized (bicubic, with
@@ -72,7 +71,12 @@ def prepare_scene(
     values = _encoded_channels(picture)
     if shortest_edge is not None:
         require_count("shortest_edge", shortest_edge)
-        values = _resize(values, shortest_edge)
+        scale = shortest_edge / min(values.shape[-2:])
+        size = [round(n * scale) for n in values.shape[-2:]]
+        # Bicubic interpolation overshoots at edges.
+        values = torch.nn.functional.interpolate(
+            values[None], size=size, mode="bicubic", antialias=True, align_corners=False
+        )[0].clamp(0, 1)
     rows, columns = values.shape[-2:]
     if min(rows, columns) < side:
         raise ValueError(
@@ -99,18 +103,6 @@ def _encoded_channels(picture: torch.Tensor) -> torch.Tensor:
             "values from 0 to 1, or uint8"
         )
     return values
-
-
-def _resize(values: torch.Tensor, shortest_edge: int) -> torch.Tensor:
-    """Resize channels so that the picture's shortest edge has a number of pixels."""
-    rows, columns = values.shape[-2:]
-    scale = shortest_edge / min(rows, columns)
-    size = (round(rows * scale), round(columns * scale))
-    resized = torch.nn.functional.interpolate(
-        values[None], size=size, mode="bicubic", antialias=True, align_corners=False
-    )[0]
-    # Bicubic interpolation overshoots at edges.
-    return resized.clamp(0, 1)
 
 
 def convert_to_luminance(channels: torch.Tensor) -> torch.Tensor:
@@ -181,22 +173,19 @@ class EdofProtocol:
     ----------
     name : str
         Name of the protocol in tables.
-    wavelength : float, optional
-        Metres.
-    pixel_pitch : float, optional
-        Metres between pixels of full resolution.
+    wavelength, pixel_pitch : float, optional
+        Metres; the pitch is that of pixels of full resolution.
     pixel_response : {"point", "area"}, optional
         Whether a pixel of full resolution takes the light density at its centre times its area, or
         the light on its area.
-    psf_window : int, optional
-        Pixels of full resolution along a side of the window in which PSFs are computed. Light
-        beyond it is lost, and reported.
-    binning : int, optional
-        Pixels of full resolution along a side of a detector pixel.
+    psf_window, binning : int, optional
+        Pixels of full resolution along a side of the window in which PSFs are computed, and of a
+        detector pixel. Light beyond the window is lost, and reported.
     shortest_edge : int, optional
         Detector pixels to which a photograph's shortest edge is resized; None leaves its size.
-    crop : int, optional
-        Detector pixels along a side of the capture, which is the middle of the photograph.
+    crop, centre : int, optional
+        Detector pixels along a side of the capture, which is the middle of the photograph, and of
+        its central part, which is scored apart.
     light : {"srgb", "linear"}, optional
         Whether a photograph's sRGB values are taken as light, or decoded to light.
     scored_in : tuple of {"srgb", "linear"}, optional
@@ -207,8 +196,6 @@ class EdofProtocol:
     border : {"periodic", "true"}, optional
         "periodic": the image wraps around the crop. "true": the scene is larger than the capture
         by the whole PSF, and the decoder gets the capture alone.
-    centre : int, optional
-        Detector pixels along a side of the central part, which is scored apart.
     noise : NoiseRange, optional
         The noise levels. Pictures take turns: all captures of a picture have one level. One decoder
         is built for each level, so that it is known.
@@ -216,10 +203,9 @@ class EdofProtocol:
         Farthest and nearest depth in dioptres, for depths off the grid and for blind decoders.
     on_grid : tuple of float, optional
         Depths in dioptres on the grid: those that are published.
-    off_grid_count : int, optional
-        Number of depths off the grid: one at random from each of so many equal parts of the range.
-    design_count : int, optional
-        Number of depths for which blind decoders are built: midpoints of equal parts of the range.
+    off_grid_count, design_count : int, optional
+        Number of depths off the grid, one at random from each of so many equal parts of the range;
+        and of those for which blind decoders are built, the midpoints of equal parts.
     seed : int, optional
         Seed of the depths off the grid and of the noise, which is the same for every pattern.
 
@@ -261,20 +247,11 @@ class EdofProtocol:
             require_count(name, getattr(self, name))
         if self.shortest_edge is not None:
             require_count("shortest_edge", self.shortest_edge)
-        self._require_names()
-        if self.centre > self.crop:
-            raise ValueError(f"centre is {self.centre}; it can't exceed the crop, {self.crop}")
-        require_depth_range(self.depth_range)
-        require_dioptres("on_grid", self.on_grid)
-
-    def _require_names(self) -> None:
-        """Raise ValueError for a word that isn't one of its choices."""
-        choices = {
-            "pixel_response": ("point", "area"),
-            "light": ("srgb", "linear"),
-            "border": ("periodic", "true"),
-        }
-        for name, words in choices.items():
+        for name, words in (
+            ("pixel_response", ("point", "area")),
+            ("light", ("srgb", "linear")),
+            ("border", ("periodic", "true")),
+        ):
             if getattr(self, name) not in words:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; choose {' or '.join(words)}")
         if not self.scored_in or not set(self.scored_in) <= {"srgb", "linear"}:
@@ -284,6 +261,10 @@ class EdofProtocol:
                 f"scored_in is {self.scored_in}; sRGB values that are taken as light have no "
                 "linear scale: score in srgb, or simulate in linear light"
             )
+        if self.centre > self.crop:
+            raise ValueError(f"centre is {self.centre}; it can't exceed the crop, {self.crop}")
+        require_depth_range(self.depth_range)
+        require_dioptres("on_grid", self.on_grid)
 
     @property
     def detector_pitch(self) -> float:

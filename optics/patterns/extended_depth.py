@@ -36,8 +36,8 @@ def cubic_phase_mask(panel: Panel, strength: float, radius: float | None = None)
     Raises
     ------
     ValueError
-        If the strength isn't finite, the radius isn't positive, or the pattern is too steep for the
-        pixels; the message then names the largest strength that they allow.
+        If the strength isn't finite, the radius isn't positive, or the phase is too steep; the
+        message names the largest strength.
 
     References
     ----------
@@ -84,8 +84,8 @@ def annular_phase_mask(
     Raises
     ------
     ValueError
-        If a number is out of range, or the pattern is too steep for the pixels; the message then
-        names the largest depth, or number of rings, that they allow.
+        If a number is out of range, or the phase is too steep; the message names the largest depth
+        or number of rings.
 
     References
     ----------
@@ -148,8 +148,8 @@ def logarithmic_asphere(
     Raises
     ------
     ValueError
-        If the distances aren't positive or in order, or the pattern is too steep for the pixels;
-        the message names the limit.
+        If the distances aren't positive or in order, or the phase is too steep; the message names
+        the limit.
 
     References
     ----------

@@ -81,8 +81,7 @@ def focal_sweep_axicon(
     Raises
     ------
     ValueError
-        If a number is out of range, or the pattern is too steep for the pixels; the message then
-        names the limit.
+        If a number is out of range, or the pattern is too steep; the message names the limit.
 
     Notes
     -----

@@ -44,8 +44,8 @@ def fresnel_lens(
     Raises
     ------
     ValueError
-        If a length is invalid, or the pattern is too steep for the pixels; the message then names
-        the shortest focal length that they allow.
+        If a length is invalid, or the phase is too steep; the message names the shortest focal
+        length.
 
     References
     ----------
@@ -97,8 +97,7 @@ def axicon(panel: Panel, radius: float, distance: float, wavelength: float) -> t
     Raises
     ------
     ValueError
-        If a length is invalid, or the pattern is too steep for the pixels; the message then names
-        the largest radius that they allow.
+        If a length is invalid, or the phase is too steep; the message names the largest radius.
     """
     require_positive("distance", distance, "m")
     require_wavelength("wavelength", wavelength)
@@ -142,8 +141,8 @@ def zernike_pattern(
     Raises
     ------
     ValueError
-        If a polynomial doesn't exist, a number isn't finite or positive, or the pattern is too
-        steep for the pixels; the message then names the share of the terms that they allow.
+        If a polynomial doesn't exist, a number isn't finite or positive, or the phase is too steep;
+        the message names the share of the terms.
 
     Examples
     --------

@@ -121,7 +121,7 @@ def multi_focus_rings(
     ------
     ValueError
         If a number is out of range, there are more rings than pixels can show, or a lens is too
-        steep for the pixels; the message then names the limit.
+        steep; the message names the limit.
 
     Notes
     -----
@@ -191,8 +191,7 @@ def lattice_focal_lens(
     Raises
     ------
     ValueError
-        If a number is out of range, or a lens is too steep for the pixels; the message then names
-        the limit.
+        If a number is out of range, or a lens is too steep; the message names the limit.
 
     References
     ----------

@@ -55,7 +55,9 @@ def dots(
     light = torch.tensor(weights, dtype=torch.float64)
 
     def brightness(plane: Plane) -> torch.Tensor:
-        y, x = (_gaussian_profiles(plane, axis, place[:, axis], width) for axis in (0, 1))
+        # Of each dot the profile along an axis, (samples, dots).
+        away = (plane.coordinates(axis)[:, None] - place[:, axis] for axis in (0, 1))
+        y, x = (torch.exp(-(one**2) / (2 * width**2)) for one in away)
         return (y * light) @ x.T
 
     (low_y, low_x), (high_y, high_x) = place.min(0).values.tolist(), place.max(0).values.tolist()
@@ -75,10 +77,8 @@ def ring(radius: float, width: float) -> Drawing:
 
     Parameters
     ----------
-    radius : float
-        Radius of the brightest circle, metres, 0 or more.
-    width : float
-        Standard deviation of the profile, metres.
+    radius, width : float
+        Radius of the brightest circle, 0 or more, and standard deviation of the profile, metres.
 
     Returns
     -------
@@ -160,12 +160,6 @@ def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
     require_positive("spacing", spacing, "m")
     y, x = ([(i - (n - 1) / 2) * spacing for i in range(n)] for n in shape)
     return [(row, column) for row in y for column in x]
-
-
-def _gaussian_profiles(plane: Plane, axis: int, place: torch.Tensor, width: float) -> torch.Tensor:
-    """Compute the Gaussian profile of each dot along an axis, (samples, dots)."""
-    away = plane.coordinates(axis)[:, None] - place
-    return torch.exp(-(away**2) / (2 * width**2))
 
 
 def dispersed_positions(

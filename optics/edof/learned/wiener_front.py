@@ -164,12 +164,8 @@ class DepthStatistics:
 
     The unmodulated light adds to the modulated as if incoherent (thesis section 5.6): with a share
     u, a transfer function is (1 - u) H + u H0, where H0 is that of a flat pattern. Its mean and its
-    mean squared modulus over depths follow from those of H and H0, and from the mean of H H0*.
-
-    mean, power: mean over depths of H, complex, and of its squared modulus, (n, n // 2 + 1).
-    flat_mean, flat_power: the same of H0.
-    product: mean of the real part of H times H0's conjugate, (n, n // 2 + 1).
-    spectrum: power spectrum of the pictures, (n, n // 2 + 1).
+    mean squared modulus over depths follow from those of H and H0, and from the mean of Re(H H0*),
+    the product. All are (n, n // 2 + 1), as the power spectrum of the pictures.
     """
 
     mean: torch.Tensor
