@@ -248,10 +248,9 @@ def known_depth_bound(
 
     Parameters
     ----------
-    limit : torch.Tensor, (rows, columns)
-        From `rms_transfer_limit`.
-    spectrum, shares : torch.Tensor, (rows, columns)
-        Power spectrum of the pictures, and the frequencies' shares, as in `known_depth_error`.
+    limit, spectrum, shares : torch.Tensor, (rows, columns)
+        From `rms_transfer_limit`, and the power spectrum of the pictures and the frequencies'
+        shares, as in `known_depth_error`.
     noise : float
         Standard deviation of a pixel's noise, where white is the light of the open pupil.
 

@@ -43,10 +43,10 @@ from optics.validation import require_positive
 class SceneBlur:
     """Computes noiseless images of scenes through one PSF, on the pixels of captures.
 
+    The protocol says whether the image wraps around the crop, or takes in light from beyond it.
     Raises ValueError if the PSF reaches farther than the protocol's window.
 
     kernel: PSF on detector pixels, (rows, columns), origin at n // 2.
-    protocol: says whether the image wraps around the crop, or takes in light from beyond it.
     """
 
     def __init__(self, kernel: torch.Tensor, protocol: EdofProtocol) -> None:
@@ -222,12 +222,7 @@ class MeasuredPattern:
 def prepare_scenes(
     pictures: Sequence[torch.Tensor], protocol: EdofProtocol
 ) -> tuple[torch.Tensor, ...]:
-    """Bring photographs to a protocol's size and light: scenes, (scene_side, scene_side).
-
-    Raises ValueError if there is no picture, or one is invalid or too small.
-
-    pictures: photographs in sRGB values, as for `prepare_scene`.
-    """
+    """Bring photographs to scenes of a protocol's size and light; see `prepare_scene`."""
     if not len(pictures):
         raise ValueError("pictures is empty; give one at least")
     return tuple(
@@ -252,9 +247,8 @@ def evaluate_patterns(
 ) -> EvaluationTable:
     """Evaluate patterns and round stops with some decoders, on pictures, by a protocol.
 
-    Every pattern sees the same pictures, depths and noise. Stops of STOP_DIAMETERS are always
-    evaluated too, with the noise that belongs to their light, because a small stop is the simplest
-    way to extend the depth of field.
+    Every pattern sees the same pictures, depths and noise. Stops of STOP_DIAMETERS are evaluated
+    too, with the noise that belongs to their light: they extend the depth of field most simply.
 
     Parameters
     ----------
@@ -264,9 +258,9 @@ def evaluate_patterns(
         Photographs in sRGB values, as for `prepare_scene`. They mustn't have been used for the
         patterns or the decoders.
     camera : Camera
-        The camera.
+        What stands behind the patterns.
     protocol : EdofProtocol
-        The protocol.
+        How they are evaluated.
     decoders : sequence of BlindDecoder or KnownDepthDecoder
         What restores the captures.
     source : callable, optional

@@ -38,9 +38,8 @@ def composite_layers(
 ) -> torch.Tensor:
     """Compute the noiseless image of layers that hide each other, each blurred by its own PSF.
 
-    Pictures are periodic. A caller who needs the border to be right gives layers with a margin as
-    wide as the PSFs' reach, and crops the image. The image, (..., rows, columns), is differentiable
-    in all arguments.
+    Pictures are periodic; for a right border, give layers with a margin as wide as the PSFs' reach,
+    and crop the image. It is (..., rows, columns), and differentiable in all arguments.
 
     L layers take 2 (2 L - 1) Fourier transforms: one takes 2, as a plane does, and two take 6.
     Measured on a processor with 128 to 512 pixels along a side: two layers take 2.3 to 2.7 times as

@@ -20,12 +20,9 @@ class PatternRating:
 
     Attributes
     ----------
-    blind : float
-        Expected PSNR in dB of one filter for all depths.
-    known_depth : float
-        Expected PSNR in dB if the depth is known.
-    least_known_depth : float
-        The same at the worst of the depths.
+    blind, known_depth, least_known_depth : float
+        Expected PSNR in dB: of one filter for all depths, if the depth is known, and the same at
+        the worst of the depths.
     light : float
         Mean share of the light that reaches the window, 0 to 1.
     """
@@ -46,12 +43,10 @@ def rate_pattern(
 ) -> PatternRating:
     """Compute the expected PSNR of linear restoration behind a pattern, over depths.
 
-    The OTFs are computed one by one, so that any number of depths fits in memory.
-
     Parameters
     ----------
     transfer : DepthTransfer
-        Computes the OTFs.
+        Computes the OTFs, one by one, so that any number of depths fits in memory.
     phase : torch.Tensor, (rows, columns)
         The pattern, radians.
     spectrum : torch.Tensor
@@ -64,7 +59,7 @@ def rate_pattern(
     Returns
     -------
     PatternRating
-        The rating.
+        What linear restoration is expected to give.
 
     Raises
     ------
@@ -188,14 +183,12 @@ class SearchState:
 
     Attributes
     ----------
-    step : int
-        Steps taken.
+    step, skipped : int
+        Steps taken, and those without a finite gradient.
     parameters : torch.Tensor
         Current parameters, float64.
-    optimiser : dict
-        The state of Adam.
-    generator : torch.Tensor
-        The state of the random generator.
+    optimiser, generator : dict and torch.Tensor
+        The states of Adam and of the random generator.
     pending : list of int
         Parts of the depth range that are still to be drawn from in this turn.
     remembered : list of torch.Tensor
@@ -203,14 +196,11 @@ class SearchState:
         depth.
     sums : list of tuple of torch.Tensor
         For each filter, their sum, and that of their squared moduli.
-    band_errors : list of float
-        Errors of the wavelengths and conditions, each averaged over its last steps.
-    errors : list of float
-        Errors of the last steps with the depth known, from which `history` is estimated.
+    band_errors, errors : list of float
+        Errors of the wavelengths and conditions, each averaged over its last steps; and those of
+        the last steps with the depth known, from which `history` is estimated.
     history : list of tuple of (int, float)
         Step and estimated level in dB, from the depths drawn last.
-    skipped : int
-        Steps without a finite gradient so far.
     """
 
     step: int = 0
@@ -232,14 +222,12 @@ class DesignResult:
 
     Attributes
     ----------
-    phase : torch.Tensor, (rows, columns), float64
-        Unwrapped phase in radians, of the shape that the transfer takes.
-    parameters : torch.Tensor
-        The parameters that make it.
-    rating : PatternRating
-        Expected PSNR at fixed depths, `optics.edof.pattern_search.RATED_DEPTHS`.
-    start_rating : PatternRating
-        That of the pattern that the search started from.
+    phase, parameters : torch.Tensor
+        Unwrapped phase in radians, (rows, columns), float64, of the shape that the transfer takes;
+        and what makes it.
+    rating, start_rating : PatternRating
+        Expected PSNR at fixed depths, `optics.edof.pattern_search.RATED_DEPTHS`, of the pattern and
+        of the one that the search started from.
     history : tuple of tuple of (int, float)
         Step and estimated level in dB, from the depths drawn last. It lags: see `rating`.
     skipped : int

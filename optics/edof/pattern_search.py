@@ -104,8 +104,8 @@ def design_pattern(
     criterion : {"blind", "known"}, optional
         Whether one filter restores all depths, or the depth is known to the restoration.
     pattern : callable, optional
-        Differentiable function from parameters to the phase of the transfer's shape. For a
-        `QuarterTransfer`, take `optics.quarter_symmetry.crop_quarter` of a symmetric pattern.
+        Differentiable function from parameters to the phase of the transfer's shape; of a symmetric
+        pattern, `optics.quarter_symmetry.crop_quarter` for a `QuarterTransfer`.
     further_bands : sequence of DesignBand, optional
         Further wavelengths, at which the same parameters make other phases, and further conditions
         of the panel.
@@ -166,12 +166,8 @@ class DesignBand:
 
     Parameters
     ----------
-    transfer : DepthTransfer
-        Computes OTFs of patterns at the wavelength and in the condition.
-    spectrum : torch.Tensor
-        Power spectrum of the pictures on the frequencies of `transfer.grid`.
-    pattern : callable
-        Differentiable function from parameters to the phase at the wavelength.
+    transfer, spectrum, pattern
+        As for `design_pattern`, at the wavelength and in the condition.
     filter_of : int, optional
         Number of the band whose filter restores this one too; 0 is the search's own, and 1 the
         first further one. By default the band has a filter of its own.

@@ -79,25 +79,12 @@ class PatternTransfer(ABC):
     def __call__(self, phase: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
         """Compute the OTFs of a pattern at depths.
 
-        Parameters
-        ----------
-        phase : torch.Tensor, (rows, columns)
-            Phase in radians on the panel's pixels, unwrapped or wrapped. The result is
-            differentiable in it, once. Where it isn't finite, neither are the OTFs, so that a
-            search can skip a broken step.
-        dioptres : sequence of float
-            Depths, 0 (infinity) or more; at least one.
+        They are (depths, rows, columns), on the frequencies of `grid`. Raises ValueError if the
+        pattern has another shape, a depth is negative or isn't finite, or there is none.
 
-        Returns
-        -------
-        torch.Tensor, (depths, rows, columns)
-            OTF at each depth on the frequencies of `grid`.
-
-        Raises
-        ------
-        ValueError
-            If the pattern has another shape, or a depth is negative or isn't finite, or there is
-            none.
+        phase: radians on the panel's pixels, unwrapped or wrapped. The result is differentiable in
+            it, once. Where it isn't finite, neither are the OTFs, so that a search can skip a
+            broken step.
         """
         self._require_suitable("phase", phase, dioptres)
         return apply_function(_DepthTransfer, phase, self, tuple(dioptres))

@@ -38,15 +38,15 @@ class TransferDesign:
         Pixels along each side of the periodic pictures, even.
     binning : int, optional
         Sensor pixels along each side of the squares that are averaged into a pixel of the
-        pictures; 1 by default. The scene is taken to be constant within such a square.
+        pictures. The scene is taken to be constant within such a square.
     reach : int, optional
         Sensor pixels from the middle of the PSF to the border of the window whose light counts.
     fast : bool, optional
         Whether the light's samples may lie up to 1 % closer than the sensor's pixels, so that fast
-        transforms fit. The frequencies stay those of the sensor. True by default.
+        transforms fit. The frequencies stay those of the sensor.
     pixel_size : bool, optional
-        Whether the envelope of the panel's pixels of finite size counts; False by default. With it,
-        the light of the pixels' other orders is lost.
+        Whether the envelope of the panel's pixels of finite size counts. With it, the light of the
+        pixels' other orders is lost.
 
     Raises
     ------

@@ -92,9 +92,7 @@ def refine(
     phases : torch.Tensor, (frames, rows, columns)
         A solution without the camera, radians, as `retrieve` gives it.
     measure : callable
-        Shows phases, (frames, rows, columns), and returns their mean PSF on the goal's plane, on
-        any scale and nowhere negative: a bench with its camera. Called with the phases and a
-        Progress.
+        A bench with its camera: a `MeasurePSF`, called with the phases and a Progress.
     pictures : int
         Number of pictures, 2 or more. The first shows the start; the last is only measured.
     blur : callable, optional
@@ -113,10 +111,6 @@ def refine(
     ValueError
         If `pictures` is below 2, or a picture has another shape than the target, is dark where the
         target is bright, negative anywhere, or not finite.
-
-    References
-    ----------
-    Feedback by camera: Schroff et al., Sci. Rep. 13, 3252, 2023.
     """
     if pictures < 2:
         raise ValueError(f"pictures is {pictures}; two at least: before a correction and after")

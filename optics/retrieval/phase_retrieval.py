@@ -34,12 +34,10 @@ class PatternQuality:
         0 to 1. Light that the panel's gaps send into other orders is missing, and light that the
         panel can't modulate counts where it falls.
     steered_share : float
-        The same of the modulated light of one order: what a panel without gaps and without
-        unmodulated light would reach.
-    contrast : float
-        Speckle contrast of the modulated light where the target exceeds half of its peak.
-    nrmse : float
-        Normalised root-mean-square error of the modulated light's shape, with the best scale.
+        The same of the modulated light of one order, without gaps and unmodulated light.
+    contrast, nrmse : float
+        Of the modulated light: speckle contrast where the target exceeds half of its peak, and
+        normalised root-mean-square error of the shape, with the best scale.
     """
 
     efficiency: float
@@ -129,8 +127,7 @@ def retrieve(
 ) -> RetrievalResult:
     """Find phases whose PSF, or whose frames' mean PSF, has the target's shape.
 
-    There is no unique right answer, and so no tolerance: the quality reached is measured, and comes
-    with the result.
+    There is no unique right answer, and so no tolerance: the quality reached is measured.
 
     Parameters
     ----------

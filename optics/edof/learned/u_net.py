@@ -76,10 +76,9 @@ class NetworkShape:
 
     Parameters
     ----------
-    channels : int, optional
-        Channels at the finest level; each coarser level has twice as many.
-    levels : int, optional
-        Levels of resolution: 3 or 4 in the thesis.
+    channels, levels : int, optional
+        Channels at the finest level, of which each coarser one has twice as many; and levels of
+        resolution, 3 or 4 in the thesis.
     fold : int, optional
         Pixels of a side that the finest level folds into channels, so that it works at a `fold`-th
         of the resolution. 1 works on the pixels themselves.
