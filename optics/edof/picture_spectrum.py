@@ -127,12 +127,8 @@ class SpectrumModel:
         The pictures may have any number of pixels, but must show the scene at the same scale: one
         pixel must cover the same part of a typical object as in the pictures of the model.
         """
-        return self.at(*grid.frequencies())
-
-    def at(self, fy: torch.Tensor, fx: torch.Tensor) -> torch.Tensor:
-        """Compute the power spectrum at frequencies in cycles per pixel that broadcast; float64."""
-        rows = len(self.coefficients), len(self.coefficients[0])
-        terms = _model_terms(fy.double(), fx.double(), *rows)
+        fy, fx = grid.frequencies()
+        terms = _model_terms(fy, fx, len(self.coefficients), len(self.coefficients[0]))
         flat = torch.tensor(self.coefficients, dtype=torch.float64).flatten()
         spectrum = torch.exp(torch.einsum("t...,t->...", terms, flat))
         return torch.where(torch.hypot(fy, fx) > 0, spectrum, 0.0)

@@ -27,6 +27,9 @@ from optics.validation import (
 LightScale = Literal["linear", "srgb"]
 """Whether a picture's values are proportional to light, or encoded by the curve of sRGB."""
 
+LINEAR_BELOW = 0.0031308
+"""Light up to which the sRGB encoding is linear (IEC 61966-2-1)."""
+
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of red, green and blue in the luminance of linear sRGB (IEC 61966-2-1)."""
 
@@ -40,13 +43,14 @@ def decode_srgb(picture: torch.Tensor) -> torch.Tensor:
 
 @accepts_numpy
 def encode_srgb(picture: torch.Tensor) -> torch.Tensor:
-    """Convert linear light to sRGB values, 0 to 1 (IEC 61966-2-1).
+    """Convert linear light to sRGB values, 0 to 1; light is clipped to 0 to 1, as by a display."""
+    return encode_unclipped(picture.clamp(0, 1))
 
-    Light below 0 or above 1 is clipped, as a display does it.
-    """
-    light = picture.clamp(0, 1)
-    power = 1.055 * light.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
-    return torch.where(light <= 0.0031308, 12.92 * light, power)
+
+def encode_unclipped(light: torch.Tensor) -> torch.Tensor:
+    """Encode linear light by the curve of sRGB, which goes on below 0 and above 1."""
+    power = 1.055 * light.clamp(min=LINEAR_BELOW) ** (1 / 2.4) - 0.055
+    return torch.where(light <= LINEAR_BELOW, 12.92 * light, power)
 
 
 @accepts_numpy

@@ -318,15 +318,3 @@ class EvaluationTable:
             f"pattern {pattern!r} with decoder {decoder!r}, {scale}, {part}, isn't in the table; "
             f"it has {'; '.join(known)}"
         )
-
-    def compare(
-        self,
-        first: str,
-        second: str,
-        decoder: str,
-        scored_in: LightScale | None = None,
-        part: Part = "frame",
-    ) -> PairedDifference:
-        """Compute how much better a pattern does than another on the same pictures."""
-        rows = [self.find(name, decoder, scored_in, part) for name in (first, second)]
-        return compare_scores(rows[0].scores, rows[1].scores)

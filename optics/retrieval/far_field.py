@@ -15,6 +15,11 @@ def unit_modulus(field: torch.Tensor) -> torch.Tensor:
     return torch.sgn(field)
 
 
+def field_intensity(field: torch.Tensor) -> torch.Tensor:
+    """Return the intensity ``|u|²`` of a field."""
+    return field.real**2 + field.imag**2
+
+
 class FarField:
     """Transform fields from a panel to a window of its far field of `length` x `length` samples.
 
@@ -118,8 +123,7 @@ class FarField:
 
         The intensity of a complete far field sums to length² times the sum of |field|².
         """
-        far = self.forward(field)
-        return far.real**2 + far.imag**2
+        return field_intensity(self.forward(field))
 
     @property
     def samples(self) -> float:

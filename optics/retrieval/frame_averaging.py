@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 import torch
 
+from optics.retrieval.far_field import field_intensity
 from optics.retrieval.gerchberg_saxton import (
     amplitude_constraint,
     iterate_constraint,
@@ -125,8 +126,3 @@ def scale_to_mean(
 def mean_intensity(fields: Iterable[torch.Tensor]) -> torch.Tensor:
     """Return the mean of the frames' intensities."""
     return torch.stack([field_intensity(field) for field in fields]).mean(0)
-
-
-def field_intensity(field: torch.Tensor) -> torch.Tensor:
-    """Return the intensity ``|u|²`` of a field."""
-    return field.real**2 + field.imag**2

@@ -18,7 +18,7 @@ from optics.edof.decoders import (
     restore_by_filter,
 )
 from optics.edof.learned.u_net import NetworkShape, UNet, apply_in_tiles, tile_side
-from optics.edof.protocol import LightScale
+from optics.edof.protocol import LINEAR_BELOW, LightScale, encode_unclipped
 from optics.edof.spectral_criterion import blind_filter, noise_variance
 from optics.fourier import irfft2
 from optics.plane import centred_crop, centred_pad, origin_to_centre
@@ -33,9 +33,6 @@ _NOISE_SCALE = 20.0
 _DARKEST, _BRIGHTEST = -0.25, 1.5
 """Least and largest light that the network is given, where white is 1. What a filter makes beyond
 them is ringing, whose size tells nothing more. Chosen."""
-
-_LINEAR_BELOW = 0.0031308
-"""Light below which the sRGB encoding is linear (IEC 61966-2-1)."""
 
 
 @dataclass(frozen=True)
@@ -221,15 +218,13 @@ def encode_screen(light: torch.Tensor) -> torch.Tensor:
     The encoding goes on below 0 along its straight start, and above 1 by the same power; light
     beyond -0.25 and 1.5 is set to these.
     """
-    light = light.clamp(_DARKEST, _BRIGHTEST)
-    curved = 1.055 * light.clamp(min=_LINEAR_BELOW) ** (1 / 2.4) - 0.055
-    return torch.where(light > _LINEAR_BELOW, curved, 12.92 * light)
+    return encode_unclipped(light.clamp(_DARKEST, _BRIGHTEST))
 
 
 def decode_screen(values: torch.Tensor) -> torch.Tensor:
     """Convert sRGB values to linear light; the inverse of `encode_screen`."""
-    curved = ((values.clamp(min=12.92 * _LINEAR_BELOW) + 0.055) / 1.055) ** 2.4
-    return torch.where(values > 12.92 * _LINEAR_BELOW, curved, values / 12.92)
+    curved = ((values.clamp(min=12.92 * LINEAR_BELOW) + 0.055) / 1.055) ** 2.4
+    return torch.where(values > 12.92 * LINEAR_BELOW, curved, values / 12.92)
 
 
 def learned_decoder(network: DecoderNetwork, spectrum: Spectrum, name: str = "learned") -> Decoder:

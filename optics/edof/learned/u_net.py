@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -53,8 +53,10 @@ def apply_in_tiles(
     margin = -(-reach // multiple) * multiple
     side = max(tile // multiple, 1) * multiple
     found = pictures.new_empty(1, 1, *whole.shape[-2:])
-    for top, bottom in _parts(whole.shape[-2], side):
-        for left, right in _parts(whole.shape[-1], side):
+    # Slices end where the picture does.
+    for top in range(0, whole.shape[-2], side):
+        for left in range(0, whole.shape[-1], side):
+            bottom, right = top + side, left + side
             upper, before = max(top - margin, 0), max(left - margin, 0)
             cut = whole[..., upper : bottom + margin, before : right + margin]
             middle = function(cut)[
@@ -62,12 +64,6 @@ def apply_in_tiles(
             ]
             found[..., top:bottom, left:right] = middle
     return found[..., :rows, :columns]
-
-
-def _parts(length: int, side: int) -> Iterator[tuple[int, int]]:
-    """Yield the first pixel of each tile of a length, up to a side, and the one after its last."""
-    for start in range(0, length, side):
-        yield start, min(start + side, length)
 
 
 @dataclass(frozen=True)
