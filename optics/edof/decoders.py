@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.edof.picture_spectrum import FrequencyGrid, fit_spectrum_model, mean_spectrum
+from optics.edof.picture_spectrum import FrequencyGrid, fit_spectrum_model, measure_picture_spectrum
 from optics.edof.protocol import EdofProtocol, prepare_scene
 from optics.edof.protocol_psfs import DepthPSFs, compute_transfer
 from optics.edof.spectral_criterion import blind_filter
@@ -183,7 +183,7 @@ def measure_training_spectrum(
         )
         for one in pictures
     )
-    model = fit_spectrum_model(mean_spectrum(prepared, size))
+    model = fit_spectrum_model(measure_picture_spectrum(prepared, size))
     return lambda side: model.on_grid(FrequencyGrid(side))
 
 

@@ -57,15 +57,11 @@ class FrequencyGrid:
         return rows[:, None], columns[None, :]
 
     def shares(self) -> torch.Tensor:
-        """Return the share of all frequencies that each one on the grid stands for.
+        """Return the share of all frequencies that each one on the grid stands for, float64.
 
         A frequency also stands for those of the other sign that the grid leaves out. The shares
         sum to 1, so that the sum of shares times a power spectrum is a mean over all frequencies,
         which is a variance per pixel.
-
-        Returns
-        -------
-        torch.Tensor, (rows, columns), float64
         """
         columns = rfft_column_weights(self.size).double()
         rows = columns if self.quarter else torch.ones(self.size, dtype=torch.float64)
@@ -154,7 +150,7 @@ linear light.
 
 
 @accepts_numpy
-def measure_picture_spectrum(pictures: torch.Tensor, size: int) -> torch.Tensor:
+def measure_picture_spectrum(pictures: Iterable[torch.Tensor], size: int) -> torch.Tensor:
     """Measure the mean power spectrum of pictures, without their means, on a periodic grid.
 
     The spectrum of a picture is ``|DFT|²`` over its number of pixels. A smaller picture is padded
@@ -165,8 +161,8 @@ def measure_picture_spectrum(pictures: torch.Tensor, size: int) -> torch.Tensor:
 
     Parameters
     ----------
-    pictures : torch.Tensor, (pictures, rows, columns), or a sequence of (rows, columns)
-        Brightness in linear light, where white is 1.
+    pictures : torch.Tensor, (pictures, rows, columns), or iterable of (rows, columns)
+        Brightness in linear light, where white is 1. They are taken one by one.
     size : int
         Pixels along each side of the grid.
 
@@ -179,14 +175,6 @@ def measure_picture_spectrum(pictures: torch.Tensor, size: int) -> torch.Tensor:
     ------
     ValueError
         If there is no picture, or one isn't finite or not (rows, columns).
-    """
-    return mean_spectrum(pictures, size)
-
-
-def mean_spectrum(pictures: Iterable[torch.Tensor], size: int) -> torch.Tensor:
-    """Measure the mean power spectrum of pictures that come one by one, for large collections.
-
-    Parameters and result are those of `measure_picture_spectrum`.
     """
     grid = FrequencyGrid(size)
     total, count = torch.zeros(grid.shape, dtype=torch.float64), 0

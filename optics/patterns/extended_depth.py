@@ -41,7 +41,7 @@ def cubic_phase_mask(panel: Panel, strength: float, radius: float | None = None)
 
     References
     ----------
-    Thesis Eq. 2.41; Dowski and Cathey 1995, doi 10.1364/AO.34.001859.
+    Dowski and Cathey 1995, doi 10.1364/AO.34.001859.
     """
     if not math.isfinite(strength):
         raise ValueError(f"strength is {strength} rad; it must be finite")
@@ -89,7 +89,7 @@ def annular_phase_mask(
 
     References
     ----------
-    Ohta et al., Jpn. J. Appl. Phys. 54, 09ME03, 2015; thesis Fig. 5.5.
+    Ohta et al., Jpn. J. Appl. Phys. 54, 09ME03, 2015.
     """
     if not math.isfinite(depth):
         raise ValueError(f"depth is {depth} rad; it must be finite")

@@ -152,10 +152,6 @@ def sine_grating(
     ValueError
         If the period is below 4 pixels, a number isn't finite, or the phase is too steep; the
         message names the largest amplitude.
-
-    References
-    ----------
-    Thesis section 6.4.
     """
     _require_period(period, direction)
     if not math.isfinite(amplitude):

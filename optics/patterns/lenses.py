@@ -47,10 +47,6 @@ def fresnel_lens(
         If a length is invalid, or the phase is too steep; the message names the shortest focal
         length.
 
-    References
-    ----------
-    Thesis Eq. 2.14.
-
     Examples
     --------
     >>> from optics.camera import Panel

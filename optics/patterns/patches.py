@@ -68,10 +68,6 @@ def random_patches(
     ------
     ValueError
         If there are more patches than pixels, or fewer than one, or the depth isn't positive.
-
-    References
-    ----------
-    Thesis section 6.4.
     """
     for name, count, pixels in zip(("rows", "columns"), patches, panel.shape, strict=True):
         if not 1 <= count <= pixels:

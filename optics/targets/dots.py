@@ -165,7 +165,7 @@ def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
 def dispersed_positions(
     wavelengths: Sequence[float], reference: float, rate: float, direction: float = 0.0
 ) -> list[Position]:
-    """Compute where a prism sends wavelengths: positions in a row on the sensor.
+    """Compute where a prism sends wavelengths: positions in a row on the sensor (thesis Fig. 4.2).
 
     Parameters
     ----------
@@ -187,10 +187,6 @@ def dispersed_positions(
     ------
     ValueError
         If there is no wavelength, one isn't positive, or the rate or the direction isn't finite.
-
-    References
-    ----------
-    Thesis Figs. 4.2 and 4.11.
     """
     if not wavelengths:
         raise ValueError("wavelengths is empty; give one at least")
@@ -212,16 +208,15 @@ def linear_dispersion(
 ) -> Drawings:
     """Draw what a prism makes of a point: one dot per wavelength, each in a picture of its own.
 
-    The result is (wavelengths, rows, columns), and each picture has a sum of 1.
+    The result is (wavelengths, rows, columns).
 
     Parameters
     ----------
     wavelengths : sequence of float
         Metres, one or more.
-    reference : float
-        Wavelength in metres that stays on the axis.
-    rate : float
-        Metres on the sensor per metre of wavelength.
+    reference, rate : float
+        Wavelength in metres that stays on the axis, and metres on the sensor per metre of
+        wavelength; see `dispersed_positions`.
     width : float
         Standard deviation of a dot, metres.
     direction : float, default 0.0

@@ -382,9 +382,7 @@ def shrinking_spiral(
     turns: float = 3.0,
     hole: float = 0.36,
 ) -> Drawings:
-    """Draw a spiral that shrinks linearly with time, (moments, rows, columns).
-
-    Each picture has a sum of 1.
+    """Draw a spiral that shrinks linearly with time, (moments, rows, columns) (thesis Fig. 3.4).
 
     Parameters
     ----------
@@ -406,10 +404,6 @@ def shrinking_spiral(
     ------
     ValueError
         If there are fewer than 2 moments, or a size is outside its range.
-
-    References
-    ----------
-    Thesis Fig. 3.4.
     """
     if moments < 2:
         raise ValueError(f"moments is {moments}; what changes with time has two at least")
