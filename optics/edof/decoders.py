@@ -43,13 +43,11 @@ def extend_antisymmetrically(
 
     Measured on three photographs of 512 x 512 pixels with one filter for all depths behind
     multi-focus rings, in dB of the whole frame against a scene that is periodic: with a noise of
-    0.008 it loses 0.6, and plain mirroring 2.0; with 0.035 it loses 0.5 and mirroring 1.6. With the
-    noise of 1.4 of a hole of 1 mm, neither loses anything. In the central quarter all lose less
-    than 0.03.
+    0.008 it loses 0.6, and plain mirroring 2.0; with 0.035, 0.5 and 1.6; with 1.4, nothing. In the
+    central quarter all lose less than 0.03.
 
     The capture is in the middle of the result: the origin stays at n // 2. Raises ValueError if the
-    period is smaller than the capture, or more than twice as large, or the noise is negative or
-    infinite.
+    period is smaller than the capture or more than twice as large, or for a noise that can't be.
 
     shape: rows and columns of the period.
     noise: standard deviation of a pixel, relative to white. The value at the edge is a mean over
@@ -117,8 +115,8 @@ class BlindDecoder:
         Name in tables.
     build : callable
         Builds the function that restores captures, from transfer functions at the depths of design,
-        (depths, rows, columns // 2 + 1), and the noise's standard deviation. It is called once for
-        each noise level, before anything is captured.
+        (depths, rows, columns // 2 + 1), and the noise's standard deviation; once for each noise
+        level, before anything is captured.
     """
 
     name: str
@@ -150,9 +148,8 @@ def measure_training_spectrum(
 ) -> Spectrum:
     """Measure the power spectrum that linear decoders of a protocol take pictures to have.
 
-    A spectrum depends on how pictures are brought to size and on the light in which they are
-    simulated. That of photographs at their own size is far too strong at high frequencies for
-    photographs that were enlarged to 2048 pixels.
+    It depends on how pictures are brought to size and on the light in which they are simulated:
+    photographs that were enlarged have far less at high frequencies.
 
     Parameters
     ----------

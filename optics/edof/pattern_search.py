@@ -83,9 +83,9 @@ def design_pattern(
     """Search for the pattern whose captures are expected to be restored best over a depth range.
 
     The start decides a lot. Measured for the thesis' camera, 2 dioptres and noise of .008: for the
-    blind criterion, rings of ten foci bring a pattern of a quarter to 21.3 dB in 600 steps. For the
-    known depth, a cubic pattern of 20 waves brings one of the whole panel from 21.9 to 23.3 dB in
-    1700 steps, and a lattice-focal lens from 22.9 to 23.0 dB in 500.
+    blind criterion, rings of ten foci bring a pattern of a quarter to 21.3 dB in 600 steps; for the
+    known depth, a cubic pattern of 20 waves one of the whole panel from 21.9 to 23.3 dB in 1700
+    steps, and a lattice-focal lens from 22.9 to 23.0 dB in 500.
 
     Parameters
     ----------

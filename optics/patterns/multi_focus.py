@@ -35,7 +35,7 @@ _GOLDEN = (math.sqrt(5) - 1) / 2
 
 The golden ratio puts every next focus into the largest gap between the foci before it. Measured for
 ten foci: of the steps 1, 3, 7 and 9, the nearest to it, 7, has the least expected error of a blind
-filter with the spectrum of BSDS' photographs; with that of Kodak's it is 0.2 dB better than 1.
+filter with the spectrum of BSDS' photographs.
 """
 
 _RADII = 100_001
@@ -128,8 +128,7 @@ def multi_focus_rings(
     Measured for the thesis' camera, 2 dioptres to infinity, as the expected error of one Wiener
     filter for 30 depths, with noise of 0.008 and the spectrum of Kodak's photographs, in dB: ten
     even foci in 40 rings 20.6, in cyclic order 20.4; the thesis' ten distances 20.3, in cyclic
-    order 19.6. Rings of equal area of the whole circle, which the panel's edges make unequal, come
-    to the same within 0.1 dB.
+    order 19.6. Rings of equal area of the whole circle come to the same within 0.1 dB.
     """
     foci = require_vergences(vergences)
     radius = require_lengths(panel, wavelength, focus, radius)

@@ -23,12 +23,9 @@ def field_intensity(field: torch.Tensor) -> torch.Tensor:
 class FarField:
     """Transform fields from a panel to a window of its far field of `length` x `length` samples.
 
-    The sums are those of the pruned FFT in optics.fourier, but the origin is the first pupil sample
-    instead of the middle one, which doesn't change any modulus. Every FFT runs along contiguous
-    memory, and an iteration that only needs the window never stores the panel's field.
-
-    Fields are (…, rows, columns), complex64 or complex128. shape: (rows, columns) of the panel.
-    window: (rows, columns), with its origin at n // 2.
+    Fields are (…, rows, columns), complex. The window has its origin at n // 2, and the panel at
+    the first sample, which doesn't change any modulus. Every FFT runs along contiguous memory, and
+    an iteration that only needs the window never stores the panel's field.
     """
 
     def __init__(self, shape: tuple[int, int], length: int, window: tuple[int, int]) -> None:

@@ -37,9 +37,7 @@ def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
 def design_plane(
     camera: Camera, wavelength: float, window: tuple[int, int], oversampling: int = OVERSAMPLING
 ) -> Plane:
-    """Choose the grid in the focal plane on which a PSF is designed.
-
-    The grid is a window of the far field around the axis.
+    """Choose the grid in the focal plane on which a PSF is designed, a window around the axis.
 
     Parameters
     ----------
@@ -50,8 +48,8 @@ def design_plane(
     window : tuple of int
         (rows, columns) of the window in samples.
     oversampling : int, default 2
-        How much finer than the pupil's Nyquist rate the grid is at least. On a coarser grid than
-        the default, speckle hides between the samples.
+        How much finer than the pupil's Nyquist rate the grid is at least. With less than the
+        default, speckle hides between the samples.
 
     Returns
     -------
@@ -77,9 +75,7 @@ def design_plane(
 
 
 def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[int, int]:
-    """Choose the size of the window for light up to `reach` from the axis.
-
-    The window leaves a dark margin around the light.
+    """Choose the size of the window for light up to `reach` from the axis, with a dark margin.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ class Superpixels:
 
     @functools.cached_property
     def uneven_amplitude(self) -> torch.Tensor | None:
-        """Return the superpixels' amplitude, or None if it is even."""
+        """The superpixels' amplitude, or None if it is even."""
         amplitude = self.amplitude
         return None if bool((amplitude == amplitude.flatten()[0]).all()) else amplitude
 

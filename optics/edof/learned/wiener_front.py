@@ -35,25 +35,19 @@ class WienerFront:
 
     @classmethod
     def of_transfers(cls, transfer: torch.Tensor, spectrum: torch.Tensor) -> WienerFront:
-        """Return one filter for all depths of some transfer functions.
-
-        transfer: (depths, n, n // 2 + 1), complex.
-        """
+        """Return one filter for all depths of transfer functions, (depths, n, n // 2 + 1)."""
         mean, power = mean_transfer(transfer)
         return cls(mean.to(torch.complex64), power.to(torch.float32), spectrum)
 
     @classmethod
     def of_known_depths(cls, transfer: torch.Tensor, spectrum: torch.Tensor) -> WienerFront:
-        """Return a filter of its own for each capture's known depth.
-
-        transfer: that of each capture, (captures, n, n // 2 + 1), complex.
-        """
+        """Return a filter for each capture's transfer function, (captures, n, n // 2 + 1)."""
         return cls(transfer, transfer.real.square() + transfer.imag.square(), spectrum)
 
     def response(self, noise: torch.Tensor) -> torch.Tensor:
         """Return the filters (captures, n, n // 2 + 1) for captures of some noise levels.
 
-        noise: (captures,), standard deviations, relative to white. The mean of a picture is kept.
+        The noise levels, (captures,), are relative to white. The mean of a picture is kept.
         """
         variance = noise.to(self.power).clamp(min=LEAST_NOISE).square()[:, None, None]
         filters = self.spectrum * self.mean.conj() / (self.spectrum * self.power + variance)
@@ -142,7 +136,7 @@ class CaptureFilter:
         return found
 
     def _parts(self, length: int) -> list[tuple[torch.Tensor, slice, slice]]:
-        """Return the parts of an axis of a large picture: all that fits one transform is one part.
+        """Return the parts of an axis of a picture, one if all of it fits one transform.
 
         Of each part: the pixels that are transformed, those of the picture that it gives, and where
         they lie in it.
@@ -179,10 +173,7 @@ class DepthStatistics:
     def of_transfers(
         cls, transfers: torch.Tensor, flat: torch.Tensor, spectrum: torch.Tensor
     ) -> DepthStatistics:
-        """Compute the means of a pattern's and a flat pattern's transfer functions over depths.
-
-        transfers, flat: (depths, n, n // 2 + 1), complex.
-        """
+        """Compute the means over depths of a pattern's and a flat one's transfer functions."""
         mean, power = mean_transfer(transfers)
         flat_mean, flat_power = mean_transfer(flat)
         product = (transfers * flat.conj()).real.double().mean(0)
