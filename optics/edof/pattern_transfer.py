@@ -87,7 +87,7 @@ class PatternTransfer(ABC):
             broken step.
         """
         self._require_suitable("phase", phase, dioptres)
-        return apply_function(_DepthTransfer, phase, self, tuple(dioptres))
+        return apply_function(_DepthTransfer, phase, False, self, tuple(dioptres))
 
     @in_full_precision
     def of_field(self, field: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
@@ -100,7 +100,7 @@ class PatternTransfer(ABC):
         open_field = field.to(self._dtype)
         if self._amplitude is not None:
             open_field = open_field * self._amplitude.to(field.device)
-        return apply_function(_DepthTransfer, open_field, self, tuple(dioptres))
+        return apply_function(_DepthTransfer, open_field, True, self, tuple(dioptres))
 
     def _require_suitable(self, name: str, pixels: torch.Tensor, dioptres: Sequence[float]) -> None:
         """Raise ValueError unless a pattern has the right shape and the depths are valid."""
@@ -144,11 +144,14 @@ class _DepthTransfer(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, pixels: torch.Tensor, transfer: PatternTransfer, dioptres: tuple[float, ...]
+        ctx: Any,
+        pixels: torch.Tensor,
+        is_field: bool,
+        transfer: PatternTransfer,
+        dioptres: tuple[float, ...],
     ) -> torch.Tensor:
-        given = pixels.detach()
-        modulation = given if pixels.is_complex() else transfer.modulation(given)
-        ctx.transfer, ctx.dioptres, ctx.waves = transfer, dioptres, []
+        modulation = pixels.detach() if is_field else transfer.modulation(pixels.detach())
+        ctx.is_field, ctx.transfer, ctx.dioptres, ctx.waves = is_field, transfer, dioptres, []
         ctx.save_for_backward(pixels, modulation)
         found = []
         for one in dioptres:
@@ -169,11 +172,11 @@ class _DepthTransfer(torch.autograd.Function):
             found = ctx.transfer.wave_adjoint(by_wave, one)
             total = found if total is None else total.add_(found)
         assert total is not None
-        if not pixels.is_complex():
+        if not ctx.is_field:
             by_phase = total.imag * modulation.real - total.real * modulation.imag
             total = by_phase.to(pixels.dtype)
         what = "the OTFs of a pattern"
-        return differentiate_once(what, total, (pixels, gradient)), None, None
+        return differentiate_once(what, total, (pixels, gradient)), None, None, None
 
 
 def binned_phasors(

@@ -61,7 +61,7 @@ def require_slope_within(
     wavelength: float,
     focus: float,
 ) -> None:
-    """Raise ValueError for a phase that is too steep within a part; see `largest_phase_step`."""
+    """Raise ValueError for a phase that is too steep within a part, between which it may jump."""
     most = rounded_down(wavelength / (max(panel.shape) * panel.pitch**2))
     remedy = f"choose depths within {most} dioptres of focus, {focus:g}"
     require_slope(name, largest_phase_step(phase, part), remedy)
