@@ -91,9 +91,7 @@ def require_depth_range(depth_range: tuple[float, float]) -> None:
 def midpoint_dioptres(
     count: int, depth_range: tuple[float, float] = DEPTH_RANGE
 ) -> tuple[float, ...]:
-    """Return the midpoints, in dioptres, of equal parts of a depth range.
-
-    They are the nodes of the midpoint rule for a mean over depth.
+    """Return the midpoints, in dioptres, of equal parts of a depth range, for a mean over depth.
 
     Parameters
     ----------

@@ -89,8 +89,8 @@ def add_noise(
     number is out of range.
 
     image: noiseless image relative to the collected light, (rows, columns): white is 1.
-    deviation: standard deviation of a white pixel with the full aperture, above 0.
-    collected: share T of the open pupil's light, above 0 and up to 1.
+    deviation: standard deviation of a white pixel with the full aperture.
+    collected: share T of the open pupil's light.
     shot_share: share of a white pixel's variance with the full aperture that is photon noise, 0 to
         1. It is Gaussian here, with a variance proportional to the light.
     """

@@ -67,10 +67,9 @@ class CosineTransformMap(FieldMap):
 
     On other devices than the CPU, matrices compute the same sums.
 
-    shape: (rows, columns) of the quarter; each at most twice `length`, and `length` is half a
-        period.
+    shape: (rows, columns) of the quarter; each at most twice `length`.
     reach: samples from the middle of the sensor to the window's border.
-    length: length of the cosine transforms; the step is 1 / (2 length) turns.
+    length: of the cosine transforms, half a period; the step is 1 / (2 length) turns.
     """
 
     def __init__(self, shape: tuple[int, int], reach: int, length: int) -> None:
@@ -130,7 +129,7 @@ class FoldedMap(FieldMap):
 
     shape: (rows, columns) of the panel; each less than twice `length`.
     reach: samples from the middle of the sensor to the window's border; less than half of `length`.
-    length: length of the transforms; the step is 1 / length turns.
+    length: of the transforms; the step is 1 / length turns.
     """
 
     def __init__(self, shape: tuple[int, int], reach: int, length: int) -> None:

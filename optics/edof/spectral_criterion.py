@@ -170,7 +170,7 @@ def noise_at_light(noise: float, light: float, photon_share: float = 0.0) -> flo
     ValueError if a share is out of range.
 
     noise: standard deviation where white is 1, with the light of the full aperture.
-    light: share of the full aperture's light that is collected, above 0 and up to 1.
+    light: share of that light that is collected, above 0 and up to 1.
     photon_share: share of the variance that is photon noise, at the full aperture's light.
     """
     require_positive("light", light, "")

@@ -88,10 +88,8 @@ class RetrievalResult:
     orders : int
         Waves of the panel's range that the phases use. Show them with
         ``phase_to_grey(panel, phases, wavelength, orders)``.
-    method : str
-        Name of the method that found them, one of `METHODS`.
-    iterations : int
-        Number of its iterations.
+    method, iterations : str and int
+        Name of the method that found them, one of `METHODS`, and number of its iterations.
     quality : PatternQuality
         Of the mean PSF, with phases rounded to the panel's levels, on a grid twice finer than
         Nyquist. The liquid crystal's motion counts where there are several frames and the panel's
@@ -155,7 +153,7 @@ def retrieve(
     progress : Progress, optional
         Receives reports, and can cancel the work.
     speed : MachineSpeed, optional
-        Speed of the machine, by which a budget becomes a number of iterations.
+        That of the machine, by which a budget becomes a number of iterations.
 
     Returns
     -------
