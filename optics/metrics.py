@@ -115,19 +115,9 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
 def structural_similarity(
     images: torch.Tensor, references: torch.Tensor, data_range: float = 1.0
 ) -> torch.Tensor:
-    """Compute the mean SSIM of each of many images; differentiable, as `ssim` isn't.
+    """Compute the mean SSIM of each of many images, (images, rows, columns), 11 x 11 or more.
 
-    Parameters
-    ----------
-    images, references : torch.Tensor, (images, rows, columns)
-        Pictures, rows and columns 11 or more.
-    data_range : float, default 1
-        The range of the values.
-
-    Returns
-    -------
-    torch.Tensor, (images,)
-        SSIM in the precision of the images; see `ssim` for its window.
+    The result, (images,), has the precision of the images, and is differentiable, as `ssim` isn't.
     """
     return similarity_map(images, references, data_range).mean((-2, -1))
 
@@ -135,19 +125,9 @@ def structural_similarity(
 def similarity_map(
     images: torch.Tensor, references: torch.Tensor, data_range: float = 1.0
 ) -> torch.Tensor:
-    """Compute the SSIM of many images wherever its window lies inside the picture.
+    """Compute the SSIM of many images, (images, rows, columns), wherever its window lies inside.
 
-    Parameters
-    ----------
-    images, references : torch.Tensor, (images, rows, columns)
-        Pictures, rows and columns 11 or more.
-    data_range : float, default 1
-        The range of the values.
-
-    Returns
-    -------
-    torch.Tensor, (images, rows - 10, columns - 10)
-        SSIM of each window; NaN where the window has a pixel that is NaN.
+    The result is (images, rows - 10, columns - 10), and NaN where the window has a NaN.
     """
     radius, sigma = 5, 1.5
     x = torch.arange(-radius, radius + 1, dtype=images.dtype, device=images.device)
@@ -172,32 +152,16 @@ def similarity_map(
 def spectral_angle(image: torch.Tensor, reference: torch.Tensor, least_norm: float = 0.1) -> float:
     """Compute the mean angle between the spectra of two pictures of many bands.
 
-    The angle of a pixel is that between its two spectra as vectors, so that brightness doesn't
-    matter. It is computed without an arccosine, which would lose small angles.
+    The angle of a pixel is that between its two spectra as vectors, in degrees, 0 to 180, so that
+    brightness doesn't matter. A pixel that `image` leaves dark in all bands has 90. It is computed
+    without an arccosine, which would lose small angles (Kruse et al. 1993, "The spectral image
+    processing system (SIPS)", Remote Sens. Environ. 44, 145, doi 10.1016/0034-4257(93)90013-N;
+    Kahan 2006, "How futile are mindless assessments of roundoff"). Raises ValueError if the
+    pictures aren't finite and alike, or no pixel of `reference` is bright enough.
 
-    Parameters
-    ----------
-    image, reference : torch.Tensor or numpy.ndarray, (bands, rows, columns)
-        Light of each band, of any unit, finite.
-    least_norm : float, default 0.1
-        Length of a pixel's spectrum in `reference` that must be exceeded for the pixel to count, in
-        the unit of `reference`: the spectra of dark pixels are noise. Not negative.
-
-    Returns
-    -------
-    float
-        Mean angle in degrees, 0 to 180. A pixel that `image` leaves dark in all bands has 90.
-
-    Raises
-    ------
-    ValueError
-        If the pictures have different shapes or aren't (bands, rows, columns), if a value isn't
-        finite, or if no pixel of `reference` is bright enough.
-
-    References
-    ----------
-    Kruse et al. 1993, "The spectral image processing system (SIPS)", Remote Sens. Environ. 44, 145,
-    doi 10.1016/0034-4257(93)90013-N; Kahan 2006, "How futile are mindless assessments of roundoff".
+    image, reference: light of each band, of any unit, (bands, rows, columns).
+    least_norm: length of a pixel's spectrum in `reference` that must be exceeded for the pixel to
+        count: the spectra of dark pixels are noise.
     """
     _require_same_shape_and_finite(image=image, reference=reference)
     if image.ndim != 3:

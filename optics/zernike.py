@@ -22,18 +22,11 @@ def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
     result is differentiable. Raises ValueError for an (n, m) that doesn't exist.
     """
     require_zernike_indices(n, m)
-    if _is_large_mesh(n, y, x):
+    is_mesh = y.ndim == 2 and x.ndim == 2 and y.shape[1] == 1 and x.shape[0] == 1
+    # Polynomials of a degree above ten lose digits by interpolation.
+    if n <= 10 and is_mesh and min(y.shape[0], x.shape[1]) > 4 * (n + 1):
         return _zernike_on_mesh(n, m, y, x)
     return _zernike_at_points(n, m, y, x)
-
-
-def _is_large_mesh(n: int, y: torch.Tensor, x: torch.Tensor) -> bool:
-    """Tell whether n is 10 at most and the points are a column and a row of many more than n.
-
-    Polynomials of a degree above ten lose digits by interpolation.
-    """
-    column = y.ndim == 2 and x.ndim == 2 and y.shape[1] == 1 and x.shape[0] == 1
-    return n <= 10 and column and min(y.shape[0], x.shape[1]) > 4 * (n + 1)
 
 
 def _zernike_on_mesh(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:

@@ -13,8 +13,7 @@ from optics.camera import Camera
 from optics.edof.dioptres import midpoint_dioptres
 from optics.edof.learned import CaptureFilter, WienerFront
 from optics.edof.protocol import EdofProtocol
-from optics.edof.protocol_psfs import CameraPSFs, compute_depth_psfs, compute_transfer
-from optics.edof.pupil_pattern import PupilPattern
+from optics.edof.protocol_psfs import CameraPSFs, PupilPattern, compute_depth_psfs, compute_transfer
 from optics.progress import Progress
 from optics.slm import grey_to_phase
 

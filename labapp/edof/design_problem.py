@@ -30,7 +30,7 @@ from optics.edof.picture_spectrum import (
     NATURAL_SPECTRUM,
     FrequencyGrid,
     SpectrumModel,
-    mean_spectrum,
+    measure_picture_spectrum,
 )
 from optics.edof.protocol import convert_to_luminance, decode_srgb
 from optics.edof.transfer_design import WINDOW_REACH, TransferDesign
@@ -193,7 +193,7 @@ class EdofProblem:
         """The pictures' power spectrum on the half of the frequencies, float64."""
         if self.request.pictures is None:
             return self.natural.on_grid(FrequencyGrid(self.request.size))
-        return mean_spectrum(_read_pictures(self.request.pictures), self.request.size)
+        return measure_picture_spectrum(_read_pictures(self.request.pictures), self.request.size)
 
     def spectrum_on(self, grid: FrequencyGrid) -> torch.Tensor:
         """Return the pictures' power spectrum on a grid of frequencies."""

@@ -25,8 +25,7 @@ from optics.edof.decoders import BlindDecoder, blind_wiener, decoding_transfers
 from optics.edof.learned import learned_decoder
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM, FrequencyGrid
 from optics.edof.protocol import STRICT, EdofProtocol, encode_srgb
-from optics.edof.protocol_psfs import compute_depth_psfs
-from optics.edof.pupil_pattern import PupilPattern
+from optics.edof.protocol_psfs import PupilPattern, compute_depth_psfs
 from optics.plane import centred_crop
 from optics.progress import Progress
 

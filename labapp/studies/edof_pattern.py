@@ -20,7 +20,7 @@ from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.edof import EdofSettings
 from optics.camera import Camera
 from optics.edof.dioptres import DEPTH_RANGE
-from optics.edof.pupil_pattern import PupilPattern
+from optics.edof.protocol_psfs import PupilPattern
 from optics.slm import Modulator
 
 DESIGNED, RINGS, NEUTRAL = "designed", "rings", "neutral"

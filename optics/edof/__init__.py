@@ -12,6 +12,7 @@ from optics.edof.decoders import (
     KnownDepthDecoder,
     blind_wiener,
     known_depth_wiener,
+    measure_training_spectrum,
     no_decoder,
 )
 from optics.edof.depth_bound import known_depth_bound, rms_transfer_limit
@@ -36,8 +37,7 @@ from optics.edof.pattern_rating import (
 from optics.edof.pattern_search import DesignBand, design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM, FrequencyGrid, measure_picture_spectrum
 from optics.edof.protocol import AUTHORS, HIGH_NOISE, LOW_NOISE, STRICT, EdofProtocol
-from optics.edof.pupil_pattern import STOP_DIAMETERS, PupilPattern, round_stop
-from optics.edof.training_spectrum import measure_training_spectrum
+from optics.edof.protocol_psfs import STOP_DIAMETERS, PupilPattern, round_stop
 from optics.edof.transfer_design import TransferDesign
 
 __all__ = [

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import torch
 
-from optics.edof.protocol import EdofProtocol
+from optics.edof.picture_spectrum import FrequencyGrid, fit_spectrum_model, measure_picture_spectrum
+from optics.edof.protocol import EdofProtocol, prepare_scene
 from optics.edof.protocol_psfs import DepthPSFs, compute_transfer
 from optics.edof.spectral_criterion import blind_filter
 from optics.fourier import fast_fft_length, irfft2, rfft2
@@ -42,16 +43,13 @@ def extend_antisymmetrically(
 
     Measured on three photographs of 512 x 512 pixels with one filter for all depths behind
     multi-focus rings, in dB of the whole frame against a scene that is periodic: with a noise of
-    0.008 it loses 0.6, and plain mirroring 2.0; with 0.035 it loses 0.5 and mirroring 1.6. With the
-    noise of 1.4 of a hole of 1 mm, neither loses anything. In the central quarter all lose less
-    than 0.03.
+    0.008 it loses 0.6, and plain mirroring 2.0; with 0.035, 0.5 and 1.6; with 1.4, nothing. In the
+    central quarter all lose less than 0.03.
 
     The capture is in the middle of the result: the origin stays at n // 2. Raises ValueError if the
-    period is smaller than the capture, or more than twice as large, or the noise is negative or
-    infinite.
+    period is smaller than the capture or more than twice as large, or for a noise that can't be.
 
-    capture: (rows, columns).
-    shape: rows and columns of the period, at least those of the capture and at most twice as many.
+    shape: rows and columns of the period.
     noise: standard deviation of a pixel, relative to white. The value at the edge is a mean over
         the more pixels, the more noise there is.
     """
@@ -117,8 +115,8 @@ class BlindDecoder:
         Name in tables.
     build : callable
         Builds the function that restores captures, from transfer functions at the depths of design,
-        (depths, rows, columns // 2 + 1), and the noise's standard deviation. It is called once for
-        each noise level, before anything is captured.
+        (depths, rows, columns // 2 + 1), and the noise's standard deviation; once for each noise
+        level, before anything is captured.
     """
 
     name: str
@@ -143,6 +141,47 @@ class KnownDepthDecoder:
 
 
 Decoder = BlindDecoder | KnownDepthDecoder
+
+
+def measure_training_spectrum(
+    pictures: Iterable[torch.Tensor], protocol: EdofProtocol, size: int = 512
+) -> Spectrum:
+    """Measure the power spectrum that linear decoders of a protocol take pictures to have.
+
+    It depends on how pictures are brought to size and on the light in which they are simulated:
+    photographs that were enlarged have far less at high frequencies.
+
+    Parameters
+    ----------
+    pictures : iterable of torch.Tensor
+        Photographs in sRGB values, as for `prepare_scene`, that no evaluation uses.
+    protocol : EdofProtocol
+        How pictures are brought to size, and in which light they are.
+    size : int, default 512
+        Pixels along a side of the tiles whose spectra are measured; even.
+
+    Returns
+    -------
+    callable
+        Gives the spectrum for pictures of n x n pixels, n even, from a smooth model.
+
+    Raises
+    ------
+    ValueError
+        If there is no picture, or one is invalid.
+    """
+    # To the protocol's size and light, without its crop.
+    prepared = (
+        prepare_scene(
+            one,
+            protocol.shortest_edge or int(min(one.shape[:2])),
+            protocol.light,
+            protocol.shortest_edge,
+        )
+        for one in pictures
+    )
+    model = fit_spectrum_model(measure_picture_spectrum(prepared, size))
+    return lambda side: model.on_grid(FrequencyGrid(side))
 
 
 def no_decoder() -> BlindDecoder:
@@ -176,14 +215,7 @@ def blind_wiener(spectrum: Spectrum) -> BlindDecoder:
     BlindDecoder
         The decoder.
     """
-
-    on_grid = functools.cache(spectrum)
-
-    def build(design: torch.Tensor, noise: float) -> Restore:
-        response = blind_filter(design, on_grid(design.shape[-2]), noise)
-        return restore_by_filter(response, noise)
-
-    return BlindDecoder("blind Wiener", build)
+    return BlindDecoder("blind Wiener", _filter_builder(spectrum))
 
 
 def known_depth_wiener(spectrum: Spectrum) -> KnownDepthDecoder:
@@ -199,14 +231,19 @@ def known_depth_wiener(spectrum: Spectrum) -> KnownDepthDecoder:
     KnownDepthDecoder
         The decoder.
     """
+    build = _filter_builder(spectrum)
+    return KnownDepthDecoder("known-depth Wiener", lambda one, noise: build(one[None], noise))
 
+
+def _filter_builder(spectrum: Spectrum) -> Callable[[torch.Tensor, float], Restore]:
+    """Return what builds the best filter for transfer functions at some depths."""
     on_grid = functools.cache(spectrum)
 
-    def build(transfer: torch.Tensor, noise: float) -> Restore:
-        response = blind_filter(transfer[None], on_grid(transfer.shape[-2]), noise)
+    def build(transfers: torch.Tensor, noise: float) -> Restore:
+        response = blind_filter(transfers, on_grid(transfers.shape[-2]), noise)
         return restore_by_filter(response, noise)
 
-    return KnownDepthDecoder("known-depth Wiener", build)
+    return build
 
 
 def decoding_period(protocol: EdofProtocol) -> tuple[int, int]:

@@ -17,7 +17,7 @@ PUBLISHED_DISTANCES = (0.5, 0.62, 0.75, 0.8, 1.0, 1.5, 2.0, 3.5, 5.0, 50.0)
 """Test distances in metres of thesis Eq. 5.11."""
 
 PUBLISHED_DIOPTRES = tuple(1.0 / one for one in PUBLISHED_DISTANCES)
-"""The test distances of thesis Eq. 5.11 in dioptres, from near to far."""
+"""The same in dioptres, from near to far."""
 
 DEPTH_RANGE = (0.0, 2.0)
 """Depths in dioptres from infinity to half a metre, which thesis section 5.7 covers."""
@@ -70,10 +70,7 @@ def metres_from_dioptres(dioptres: Sequence[float]) -> tuple[float, ...]:
 
 
 def require_dioptres(name: str, dioptres: Sequence[float]) -> None:
-    """Raise ValueError unless depths in dioptres are finite, not negative, at least one.
-
-    name: name of the argument, for the message.
-    """
+    """Raise ValueError, with an argument's name, unless depths are one or more, finite, from 0."""
     if not len(dioptres):
         raise ValueError(f"{name} is empty; give one depth at least")
     for one in dioptres:
@@ -94,9 +91,7 @@ def require_depth_range(depth_range: tuple[float, float]) -> None:
 def midpoint_dioptres(
     count: int, depth_range: tuple[float, float] = DEPTH_RANGE
 ) -> tuple[float, ...]:
-    """Return the midpoints, in dioptres, of equal parts of a depth range.
-
-    They are the nodes of the midpoint rule for a mean over depth.
+    """Return the midpoints, in dioptres, of equal parts of a depth range, for a mean over depth.
 
     Parameters
     ----------
@@ -115,7 +110,8 @@ def midpoint_dioptres(
     ValueError
         If the count is below 1, or the range is empty or reversed.
     """
-    return _in_parts([0.5] * _valid_count(count, depth_range), depth_range)
+    _require_count_and_range(count, depth_range)
+    return _in_parts([0.5] * count, depth_range)
 
 
 def random_dioptres(
@@ -142,10 +138,10 @@ def random_dioptres(
     ValueError
         If the count is below 1, or the range is empty or reversed.
     """
+    _require_count_and_range(count, depth_range)
     low, high = depth_range
-    return tuple(
-        low + (high - low) * one for one in _uniform(_valid_count(count, depth_range), generator)
-    )
+    drawn = torch.rand(count, generator=generator, dtype=torch.float64).tolist()
+    return tuple(low + (high - low) * one for one in drawn)
 
 
 def stratified_dioptres(
@@ -153,13 +149,12 @@ def stratified_dioptres(
 ) -> tuple[float, ...]:
     """Draw one depth in dioptres from each of equal parts of a depth range, from far to near.
 
-    A mean over these depths varies less from draw to draw than one over independent depths. Raises
-    ValueError if the count is below 1, or the range is empty or reversed.
-
-    count: number of parts, 1 or more.
-    depth_range: farthest and nearest depth in dioptres.
+    A mean over these depths varies less from draw to draw than one over independent depths.
+    Arguments and errors are those of `random_dioptres`.
     """
-    return _in_parts(_uniform(_valid_count(count, depth_range), generator), depth_range)
+    _require_count_and_range(count, depth_range)
+    drawn = torch.rand(count, generator=generator, dtype=torch.float64).tolist()
+    return _in_parts(drawn, depth_range)
 
 
 def find_undrawn(
@@ -173,7 +168,6 @@ def find_undrawn(
     outside the list.
 
     draw_index: draws an index from 0 to `count` - 1; called without arguments.
-    count: number of entries.
     miss_probability: largest probability that a sampler which draws every entry equally often is
         accused.
     """
@@ -181,7 +175,11 @@ def find_undrawn(
     if not 0 < miss_probability < 1:
         raise ValueError(f"miss_probability is {miss_probability:g}; give one between 0 and 1")
     missing = set(range(count))
-    for _ in range(_draws_needed(count, miss_probability)):
+    # That one of `count` entries is missed in n draws has a probability of count (1 - 1 / count)^n.
+    enough = 1
+    if count > 1:
+        enough = math.ceil(math.log(miss_probability / count) / math.log1p(-1.0 / count))
+    for _ in range(enough):
         if not missing:
             break
         index = draw_index()
@@ -191,27 +189,9 @@ def find_undrawn(
     return tuple(sorted(missing))
 
 
-def _draws_needed(count: int, miss_probability: float) -> int:
-    """Return how many draws miss any of equally likely entries with a small probability only.
-
-    The probability that one of `count` entries is missed in n draws is at most
-    count (1 - 1 / count)^n.
-    """
-    if count == 1:
-        return 1
-    return math.ceil(math.log(miss_probability / count) / math.log1p(-1.0 / count))
-
-
-def _valid_count(count: int, depth_range: tuple[float, float]) -> int:
-    """Return the count after checking it and the depth range."""
+def _require_count_and_range(count: int, depth_range: tuple[float, float]) -> None:
     require_count("count", count)
     require_depth_range(depth_range)
-    return count
-
-
-def _uniform(count: int, generator: torch.Generator) -> list[float]:
-    """Draw numbers between 0 and 1 in double precision."""
-    return torch.rand(count, generator=generator, dtype=torch.float64).tolist()
 
 
 def _in_parts(positions: list[float], depth_range: tuple[float, float]) -> tuple[float, ...]:

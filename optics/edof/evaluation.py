@@ -12,22 +12,27 @@ from optics.camera import Camera
 from optics.edof.decoders import BlindDecoder, Decoder, Restore, decoding_period, decoding_transfers
 from optics.edof.protocol import EdofProtocol, LightScale, prepare_scene
 from optics.edof.protocol_psfs import (
+    STOP_DIAMETERS,
     CameraPSFs,
     DepthPSFs,
     PSFSource,
+    PupilPattern,
     compute_depth_psfs,
     compute_transfer,
+    round_stop,
 )
-from optics.edof.pupil_pattern import STOP_DIAMETERS, PupilPattern, round_stop
-from optics.edof.score_table import (
+from optics.edof.scoring import (
+    PARTS,
     Alarm,
+    CaptureScores,
     EvaluationTable,
+    Part,
     ScoreRow,
     check_energy,
     check_off_grid,
     check_repeatability,
+    score_picture,
 )
-from optics.edof.scoring import PARTS, CaptureScores, Part, score_picture
 from optics.edof.spectral_criterion import noise_at_light
 from optics.fourier import fast_fft_length, irfft2, rfft2
 from optics.plane import centred_crop, centred_pad
@@ -38,10 +43,10 @@ from optics.validation import require_positive
 class SceneBlur:
     """Computes noiseless images of scenes through one PSF, on the pixels of captures.
 
+    The protocol says whether the image wraps around the crop, or takes in light from beyond it.
     Raises ValueError if the PSF reaches farther than the protocol's window.
 
     kernel: PSF on detector pixels, (rows, columns), origin at n // 2.
-    protocol: says whether the image wraps around the crop, or takes in light from beyond it.
     """
 
     def __init__(self, kernel: torch.Tensor, protocol: EdofProtocol) -> None:
@@ -84,8 +89,8 @@ def add_noise(
     number is out of range.
 
     image: noiseless image relative to the collected light, (rows, columns): white is 1.
-    deviation: standard deviation of a white pixel with the full aperture, above 0.
-    collected: share T of the open pupil's light that is collected, above 0 and up to 1.
+    deviation: standard deviation of a white pixel with the full aperture.
+    collected: share T of the open pupil's light.
     shot_share: share of a white pixel's variance with the full aperture that is photon noise, 0 to
         1. It is Gaussian here, with a variance proportional to the light.
     """
@@ -106,10 +111,8 @@ def add_noise(
 class PatternEvaluation:
     """Captures all scenes behind one pattern at all depths, and scores what decoders restore.
 
-    design: the pattern's PSFs at the protocol's depths of design.
-    test: the pattern's PSFs at the protocol's depths of test.
+    design, test: the pattern's PSFs at the protocol's depths of design and of test.
     scenes: scenes of the protocol's size and light.
-    with_ssim: whether the SSIM is computed.
     """
 
     def __init__(
@@ -130,117 +133,86 @@ class PatternEvaluation:
             noise_at_light(one, test.collected, protocol.noise.shot_share)
             for one in protocol.noise.deviations
         ]
-        self._energies = min(test.energies), max(test.energies)
 
     def rows(
         self, pattern: str, decoder: Decoder, alarms: Sequence[Alarm], progress: Progress
     ) -> list[ScoreRow]:
         """Restore all captures by a decoder, and return the rows of their scores."""
-        protocol = self._protocol
+        protocol, test = self._protocol, self._test
         kinds = [(scale, part) for scale in protocol.scored_in for part in PARTS]
-        found, more = self._score(decoder, kinds, progress)
-        return [
-            ScoreRow(
-                pattern,
-                decoder.name,
-                isinstance(decoder, BlindDecoder),
-                protocol,
-                scale,
-                part,
-                self._test.collected,
-                self._energies,
-                scores,
-                (*alarms, *more, *_as_list(check_off_grid(scores))),
+        psnr, ssim, repeated = self._score(decoder, kinds, progress)
+        found = []
+        for (scale, part), levels, similarities in zip(kinds, psnr, ssim, strict=True):
+            scores = CaptureScores(test.dioptres, len(protocol.on_grid), levels, similarities)
+            raised = [one for one in (repeated, check_off_grid(scores)) if one is not None]
+            found.append(
+                ScoreRow(
+                    pattern,
+                    decoder.name,
+                    isinstance(decoder, BlindDecoder),
+                    protocol,
+                    scale,
+                    part,
+                    test.collected,
+                    (min(test.energies), max(test.energies)),
+                    scores,
+                    (*alarms, *raised),
+                )
             )
-            for (scale, part), scores in zip(kinds, found, strict=True)
-        ]
+        return found
 
     def _score(
         self, decoder: Decoder, kinds: Sequence[tuple[LightScale, Part]], progress: Progress
-    ) -> tuple[list[CaptureScores], list[Alarm]]:
-        """Score restored pictures in scales and parts, and check that the decoder is repeatable."""
+    ) -> tuple[torch.Tensor, torch.Tensor, Alarm | None]:
+        """Return PSNR and SSIM, (kinds, pictures, depths), and whether the decoder is repeatable.
+
+        Depths come in random order, which tells a decoder nothing.
+        """
         shape = (len(kinds), len(self._scenes), len(self._test.dioptres))
         psnr = torch.zeros(shape, dtype=torch.float64)
         ssim = psnr.new_zeros(shape if self._with_ssim else (*shape[:2], 0))
-        blind = self._build_blind(decoder)
+        # A blind decoder is built before anything is captured.
+        blind = isinstance(decoder, BlindDecoder)
+        built = [decoder.build(self._design, level) for level in self._levels] if blind else []
         first: tuple[Restore, torch.Tensor, torch.Tensor] | None = None
-        for depth in self._shuffled_depths():
+        generator = torch.Generator().manual_seed(self._protocol.seed)
+        for depth in torch.randperm(shape[2], generator=generator).tolist():
             progress.raise_if_cancelled()
             blur = SceneBlur(self._test.kernels[depth], self._protocol)
-            built = blind or self._build_for_depth(decoder, depth)
+            if not blind:
+                transfer = compute_transfer(self._test.kernels[depth], self._period)
+                built = [decoder.build(transfer, level) for level in self._levels]
             for picture, reference in enumerate(self._references):
-                restore = built[self._level(picture)]
-                capture = self._capture(blur, picture, depth)
-                restored = restore(capture.clone())
-                first = first or (restore, capture, restored.clone())
+                # A picture has the same noise level at all depths, so that these can be compared.
+                level = picture % len(self._levels)
+                capture = self._capture(blur, picture, depth, level)
+                restored = built[level](capture.clone())
+                first = first or (built[level], capture, restored.clone())
                 for kind, (scale, part) in enumerate(kinds):
-                    found = self._score_picture(restored, reference, scale, part)
-                    psnr[kind, picture, depth] = found[0]
-                    if found[1] is not None:
-                        ssim[kind, picture, depth] = found[1]
+                    psnr[kind, picture, depth], similarity = score_picture(
+                        restored, reference, self._protocol, scale, part, with_ssim=self._with_ssim
+                    )
+                    if similarity is not None:
+                        ssim[kind, picture, depth] = similarity
         assert first is not None
-        count = len(self._protocol.on_grid)
-        scores = [
-            CaptureScores(self._test.dioptres, count, one, other)
-            for one, other in zip(psnr, ssim, strict=True)
-        ]
-        return scores, _as_list(check_repeatability(*first))
+        return psnr, ssim, check_repeatability(*first)
 
-    def _score_picture(
-        self, restored: torch.Tensor, reference: torch.Tensor, scale: LightScale, part: Part
-    ) -> tuple[float, float | None]:
-        return score_picture(
-            restored, reference, self._protocol, scale, part, with_ssim=self._with_ssim
-        )
-
-    def _build_blind(self, decoder: Decoder) -> list[Restore]:
-        """Build a blind decoder for each noise level, before anything is captured."""
-        if not isinstance(decoder, BlindDecoder):
-            return []
-        return [decoder.build(self._design, level) for level in self._levels]
-
-    def _build_for_depth(self, decoder: Decoder, depth: int) -> list[Restore]:
-        """Build a decoder that knows the depth for each noise level."""
-        transfer = compute_transfer(self._test.kernels[depth], self._period)
-        return [decoder.build(transfer, level) for level in self._levels]
-
-    def _capture(self, blur: SceneBlur, picture: int, depth: int) -> torch.Tensor:
+    def _capture(self, blur: SceneBlur, picture: int, depth: int, level: int) -> torch.Tensor:
         """Capture a scene at a depth, with noise that is the same for every pattern."""
         noise = self._protocol.noise
         seed = (self._protocol.seed * 10_007 + picture) * 10_007 + depth
         return add_noise(
             blur(self._scenes[picture]),
-            noise.deviations[self._level(picture)],
+            noise.deviations[level],
             self._test.collected,
             torch.Generator().manual_seed(seed),
             noise.shot_share,
         )
 
-    def _level(self, picture: int) -> int:
-        """Return the noise level of a picture's captures, the same at all depths.
-
-        If levels changed from depth to depth, depths couldn't be compared.
-        """
-        return picture % len(self._levels)
-
-    def _shuffled_depths(self) -> list[int]:
-        """Return the indices of the test depths in random order, which tells a decoder nothing."""
-        generator = torch.Generator().manual_seed(self._protocol.seed)
-        return torch.randperm(len(self._test.dioptres), generator=generator).tolist()
-
-
-def _as_list(alarm: Alarm | None) -> list[Alarm]:
-    return [] if alarm is None else [alarm]
-
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPattern:
-    """A pattern that is known by its measured PSFs, at the protocol's depths.
-
-    name: name in tables.
-    design: PSFs at the protocol's `design_dioptres`.
-    test: PSFs at the protocol's `test_dioptres`.
-    """
+    """A pattern that is known by its measured PSFs, at the protocol's depths of design and test."""
 
     name: str
     design: DepthPSFs
@@ -250,12 +222,7 @@ class MeasuredPattern:
 def prepare_scenes(
     pictures: Sequence[torch.Tensor], protocol: EdofProtocol
 ) -> tuple[torch.Tensor, ...]:
-    """Bring photographs to a protocol's size and light: scenes, (scene_side, scene_side).
-
-    Raises ValueError if there is no picture, or one is invalid or too small.
-
-    pictures: photographs in sRGB values, as for `prepare_scene`.
-    """
+    """Bring photographs to scenes of a protocol's size and light; see `prepare_scene`."""
     if not len(pictures):
         raise ValueError("pictures is empty; give one at least")
     return tuple(
@@ -280,9 +247,8 @@ def evaluate_patterns(
 ) -> EvaluationTable:
     """Evaluate patterns and round stops with some decoders, on pictures, by a protocol.
 
-    Every pattern sees the same pictures, depths and noise. Stops of STOP_DIAMETERS are always
-    evaluated too, with the noise that belongs to their light, because a small stop is the simplest
-    way to extend the depth of field.
+    Every pattern sees the same pictures, depths and noise. Stops of STOP_DIAMETERS are evaluated
+    too, with the noise that belongs to their light: they extend the depth of field most simply.
 
     Parameters
     ----------
@@ -292,9 +258,9 @@ def evaluate_patterns(
         Photographs in sRGB values, as for `prepare_scene`. They mustn't have been used for the
         patterns or the decoders.
     camera : Camera
-        The camera.
+        What stands behind the patterns.
     protocol : EdofProtocol
-        The protocol.
+        How they are evaluated.
     decoders : sequence of BlindDecoder or KnownDepthDecoder
         What restores the captures.
     source : callable, optional
@@ -364,29 +330,16 @@ def _pattern_psfs(
         design = compute_depth_psfs(pattern, protocol.design_dioptres, camera, protocol, used)
         test = compute_depth_psfs(pattern, protocol.test_dioptres, camera, protocol, used)
         if source is not None:
-            test = _with_expected_energies(test, pattern, camera, protocol, own)
+            # Which energy a source's PSF should have is known at the depth farthest from focus,
+            # where it is computed again; all others are taken as they are.
+            focus, depths = 1 / float(camera.lens.focus_distance), test.dioptres
+            farthest = max(range(len(depths)), key=lambda k: abs(depths[k] - focus))
+            check = compute_depth_psfs(pattern, (depths[farthest],), camera, protocol, own)
+            expected = list(test.energies)
+            expected[farthest] = check.energies[0]
+            test = replace(test, expected_energies=tuple(expected))
     alarms = [check_energy(design), check_energy(test)]
     return design, test, [one for one in alarms if one is not None][:1]
-
-
-def _with_expected_energies(
-    psfs: DepthPSFs,
-    pattern: PupilPattern,
-    camera: Camera,
-    protocol: EdofProtocol,
-    own: CameraPSFs,
-) -> DepthPSFs:
-    """Note which energy a source's PSFs should have, at the depth that is farthest from focus.
-
-    All other energies are taken as they are.
-    """
-    focus = 1 / float(camera.lens.focus_distance)
-    depth = max(range(len(psfs.dioptres)), key=lambda k: abs(psfs.dioptres[k] - focus))
-    expected = list(psfs.energies)
-    farthest = psfs.dioptres[depth : depth + 1]
-    check = compute_depth_psfs(pattern, farthest, camera, protocol, own)
-    expected[depth] = check.energies[0]
-    return replace(psfs, expected_energies=tuple(expected))
 
 
 def _require_unique(name: str, names: Sequence[str]) -> None:

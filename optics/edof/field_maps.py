@@ -2,14 +2,14 @@
 
 The wave on the sensor is the Fourier sum of the panel's pixels (thesis Eq. 3.1), in samples that
 are `step` turns per pixel apart. For a pattern that is mirrored about the middle of the panel it is
-real-linear in a quarter of the pixels, with cosines for kernels. Each map has `forward` and
-`adjoint`, and both leave out phase factors over the sensor, which the light doesn't show.
+real-linear in a quarter of the pixels, with cosines for kernels. The maps and their adjoints leave
+out phase factors over the sensor, which the light doesn't show.
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from typing import Protocol
 
 import scipy.fft
 import torch
@@ -18,15 +18,13 @@ from optics.fourier import ChirpTransform, FourierGeometry, fft
 from optics.plane import Plane
 
 
-class FieldMap(ABC):
+class FieldMap(Protocol):
     """A linear map from the wave on a panel to the wave on a sensor's samples."""
 
-    @abstractmethod
-    def forward(self, wave: torch.Tensor) -> torch.Tensor:
+    def __call__(self, wave: torch.Tensor, /) -> torch.Tensor:
         """Compute the wave on the sensor, complex (rows, columns), from that on the panel."""
 
-    @abstractmethod
-    def adjoint(self, wave: torch.Tensor) -> torch.Tensor:
+    def adjoint(self, wave: torch.Tensor, /) -> torch.Tensor:
         """Apply the conjugate transpose to a wave on the sensor, complex (rows, columns)."""
 
 
@@ -50,7 +48,7 @@ class CosineMatrixMap(FieldMap):
             kernel = 2 * torch.cos(2 * math.pi * (turns - torch.round(turns)))
             self._matrices.append(kernel.to(dtype.to_real()))
 
-    def forward(self, wave: torch.Tensor) -> torch.Tensor:
+    def __call__(self, wave: torch.Tensor) -> torch.Tensor:
         along_y, along_x = self._on_device(wave)
         return torch.complex(*(along_y.T @ (part @ along_x) for part in (wave.real, wave.imag)))
 
@@ -59,7 +57,7 @@ class CosineMatrixMap(FieldMap):
         return torch.complex(*((along_y @ part) @ along_x.T for part in (wave.real, wave.imag)))
 
     def _on_device(self, wave: torch.Tensor) -> list[torch.Tensor]:
-        """Return the cosine matrices on the device of a wave."""
+        """Return the cosine matrices on the device of a wave, where they stay."""
         self._matrices = [one.to(wave.device) for one in self._matrices]
         return self._matrices
 
@@ -69,19 +67,18 @@ class CosineTransformMap(FieldMap):
 
     On other devices than the CPU, matrices compute the same sums.
 
-    shape: (rows, columns) of the quarter; each at most twice `length`, and `length` is half a
-        period.
+    shape: (rows, columns) of the quarter; each at most twice `length`.
     reach: samples from the middle of the sensor to the window's border.
-    length: length of the cosine transforms; the step is 1 / (2 length) turns.
+    length: of the cosine transforms, half a period; the step is 1 / (2 length) turns.
     """
 
     def __init__(self, shape: tuple[int, int], reach: int, length: int) -> None:
         self._shape, self._reach, self._length = shape, reach, length
         self._matrices: CosineMatrixMap | None = None
 
-    def forward(self, wave: torch.Tensor) -> torch.Tensor:
+    def __call__(self, wave: torch.Tensor) -> torch.Tensor:
         if wave.device.type != "cpu":
-            return self._matrix_map(wave.dtype).forward(wave)
+            return self._matrix_map(wave.dtype)(wave)
         parts = torch.stack((wave.real, wave.imag))
         for axis in (-1, -2):
             parts = self._transform(parts, axis)
@@ -132,14 +129,14 @@ class FoldedMap(FieldMap):
 
     shape: (rows, columns) of the panel; each less than twice `length`.
     reach: samples from the middle of the sensor to the window's border; less than half of `length`.
-    length: length of the transforms; the step is 1 / length turns.
+    length: of the transforms; the step is 1 / length turns.
     """
 
     def __init__(self, shape: tuple[int, int], reach: int, length: int) -> None:
         self._shape, self._length = shape, length
         self._index = torch.arange(-reach, reach + 1) % length
 
-    def forward(self, wave: torch.Tensor) -> torch.Tensor:
+    def __call__(self, wave: torch.Tensor) -> torch.Tensor:
         return self._transform(self._transform(wave).mT).mT
 
     def adjoint(self, wave: torch.Tensor) -> torch.Tensor:
@@ -166,22 +163,12 @@ class FoldedMap(FieldMap):
         return found[..., :count]
 
 
-class ChirpMap(FieldMap):
-    """Maps the wave of a whole panel by chirp transforms, for any step.
+def chirp_map(
+    shape: tuple[int, int], reach: int, step: float, dtype: torch.dtype
+) -> ChirpTransform:
+    """Return the map of a whole panel's wave by chirp transforms, for any step.
 
-    shape: (rows, columns) of the panel.
-    reach: samples from the middle of the sensor to the window's border.
-    step: turns per panel pixel and sample.
-    dtype: complex64 or complex128.
+    Its arguments are those of `CosineMatrixMap`, with the shape of the whole panel.
     """
-
-    def __init__(self, shape: tuple[int, int], reach: int, step: float, dtype: torch.dtype) -> None:
-        image = Plane((2 * reach + 1, 2 * reach + 1), (step, step))
-        geometry = FourierGeometry(Plane(shape, (1.0, 1.0)), image, 1.0)
-        self._transform = ChirpTransform(geometry, dtype)
-
-    def forward(self, wave: torch.Tensor) -> torch.Tensor:
-        return self._transform(wave)
-
-    def adjoint(self, wave: torch.Tensor) -> torch.Tensor:
-        return self._transform.adjoint(wave)
+    image = Plane((2 * reach + 1, 2 * reach + 1), (step, step))
+    return ChirpTransform(FourierGeometry(Plane(shape, (1.0, 1.0)), image, 1.0), dtype)

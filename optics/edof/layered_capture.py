@@ -38,17 +38,14 @@ def composite_layers(
 ) -> torch.Tensor:
     """Compute the noiseless image of layers that hide each other, each blurred by its own PSF.
 
-    Pictures are periodic. A caller who needs the border to be right gives layers with a margin as
-    wide as the PSFs' reach, and crops the image. The image, (..., rows, columns), is differentiable
-    in all arguments.
+    Pictures are periodic; for a right border, give layers with a margin as wide as the PSFs' reach,
+    and crop the image. It is (..., rows, columns), and differentiable in all arguments.
 
     L layers take 2 (2 L - 1) Fourier transforms: one takes 2, as a plane does, and two take 6.
     Measured on a processor with 128 to 512 pixels along a side: two layers take 2.3 to 2.7 times as
     long as one, and 2.6 to 3.0 times with the gradient in the transfer functions.
 
-    Raises ValueError if there is no layer, shapes don't match, a light or a transfer function's sum
-    isn't finite, a matte isn't within 0 to 1, the farthest matte isn't 1, or a transfer function
-    isn't positive at zero frequency.
+    Raises ValueError for layers or transfer functions that can't be.
 
     pictures: linear light of each layer, (..., layers, rows, columns), the nearest first, also
         where another layer hides it.
@@ -88,7 +85,6 @@ def flatten_layers(pictures: torch.Tensor, mattes: torch.Tensor) -> torch.Tensor
 
 
 def _require_layers(pictures: torch.Tensor, mattes: torch.Tensor) -> None:
-    """Raise ValueError for invalid layers."""
     if pictures.ndim < 3 or 0 in pictures.shape[-3:]:
         raise ValueError(
             f"pictures is {tuple(pictures.shape)}; give (..., layers, rows, columns) with at least "
@@ -118,11 +114,8 @@ def _require_layers(pictures: torch.Tensor, mattes: torch.Tensor) -> None:
 def _require_transfers(pictures: torch.Tensor, transfers: torch.Tensor) -> None:
     """Raise ValueError if transfer functions don't fit the layers, or let no light by."""
     layers, rows, columns = pictures.shape[-3:]
-    if not transfers.is_complex() or tuple(transfers.shape[-3:]) != (
-        layers,
-        rows,
-        columns // 2 + 1,
-    ):
+    shape = (layers, rows, columns // 2 + 1)
+    if not transfers.is_complex() or tuple(transfers.shape[-3:]) != shape:
         kind = "complex" if transfers.is_complex() else "real"
         raise ValueError(
             f"transfers is {kind} {tuple(transfers.shape)}; give a complex transfer function for "

@@ -8,23 +8,12 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.edof.field_maps import (
-    ChirpMap,
-    CosineMatrixMap,
-    CosineTransformMap,
-    FieldMap,
-    FoldedMap,
-)
+from optics.edof.field_maps import CosineMatrixMap, CosineTransformMap, FoldedMap, chirp_map
 from optics.edof.pattern_transfer import PatternTransfer, binned_phasors
 from optics.edof.picture_spectrum import FrequencyGrid
 from optics.edof.transfer_design import TransferDesign
 from optics.fourier import unit_phasor
-from optics.quarter_symmetry import (
-    crop_quarter,
-    mirror_quarter,
-    quarter_distances,
-    quarter_shape,
-)
+from optics.quarter_symmetry import crop_quarter, mirror_quarter, quarter_distances, quarter_shape
 from optics.slm.coupling import fringing_field_mean
 from optics.validation import require_positive
 
@@ -50,19 +39,34 @@ class QuarterTransfer(PatternTransfer):
         If the panel has an odd number of rows or columns.
     """
 
-    _copies = 4
-
     def __init__(self, design: TransferDesign, dtype: torch.dtype = torch.complex64) -> None:
-        rows, columns = design.camera.panel.shape
-        if rows % 2 or columns % 2:
+        panel = design.camera.panel
+        if panel.shape[0] % 2 or panel.shape[1] % 2:
             raise ValueError(
-                f"the panel has {rows} x {columns} pixels; a quarter needs even numbers: design a "
-                "pattern of the whole panel"
+                f"the panel has {panel.shape[0]} x {panel.shape[1]} pixels; a quarter needs even "
+                "numbers: design a pattern of the whole panel"
             )
-        self.shape = quarter_shape(design.camera.panel.shape)
-        self.grid = FrequencyGrid(design.size, quarter=True)
-        super().__init__(design, dtype)
-        self._cosines = self._plan_cosines()
+        shares, shape = design.open_shares(), quarter_shape(panel.shape)
+        quarters = (shares, shares.flip(0), shares.flip(1), shares.flip(0, 1))
+        reach, length = design.sample_reach, design.transform_length
+        super().__init__(
+            design,
+            FrequencyGrid(design.size, quarter=True),
+            [one.flatten() for one in quarter_distances(panel.shape, (panel.pitch, panel.pitch))],
+            torch.stack([crop_quarter(one) for one in quarters]).mean(0),
+            CosineTransformMap(shape, reach, length // 2)
+            if length
+            else CosineMatrixMap(shape, reach, design.step, dtype),
+            dtype,
+        )
+        # The matrix of a symmetric PSF's Fourier sum along an axis, (frequencies, samples). As it
+        # is over samples at the pixels' centres, it has all orders that the pixels fold. The
+        # imaginary parts of a sample and of its mirror image cancel; a sample beside the middle
+        # counts for both.
+        _, frequencies = self.grid.frequencies()
+        kernel = binned_phasors(frequencies[0], design.sample_positions(), design.binning).real
+        kernel[:, 1:] *= 2
+        self._cosines = (kernel * design.envelope() * math.sqrt(self._norm)).to(dtype.to_real())
 
     def mirror(self, quarter: torch.Tensor) -> torch.Tensor:
         """Return the pattern of the whole panel, (rows, columns), from its quarter."""
@@ -78,17 +82,10 @@ class QuarterTransfer(PatternTransfer):
         L2 error is .03 at .2 dioptres and .4 at 1.9, most of it near the Nyquist frequency; yet
         the criteria of 16 depths differ by .01 dB from those of `FullTransfer`.
 
-        Parameters
-        ----------
-        transfer : torch.Tensor, (depths, size // 2 + 1, size // 2 + 1)
-            Real OTFs on the quarter of frequencies.
-        dioptres : sequence of float
-            Their depths.
+        The result is (depths, size, size // 2 + 1), complex, on ``FrequencyGrid(size)``.
 
-        Returns
-        -------
-        torch.Tensor, (depths, size, size // 2 + 1), complex
-            The OTFs on the frequencies of ``FrequencyGrid(size)``.
+        transfer: real OTFs on the quarter of frequencies, (depths, size // 2 + 1, size // 2 + 1).
+        dioptres: their depths.
         """
         half = FrequencyGrid(self.design.size)
         fy, fx = half.frequencies()
@@ -98,54 +95,11 @@ class QuarterTransfer(PatternTransfer):
         turns = -(fy + fx) * moved.double()[:, None, None] / self.design.binning
         return mirrored * unit_phasor(turns, self._dtype).to(transfer.device)
 
-    def light(self, phase: torch.Tensor, dioptre: float) -> torch.Tensor:
-        """Compute a quarter of the PSF about its own middle, of a pattern at one depth.
-
-        Returns
-        -------
-        torch.Tensor, (samples, samples)
-            Light on the samples of `design`, whose [0, 0] is the middle, relative to all light.
-        """
-        wave = self.wave(self.modulation(phase), dioptre)
-        envelope = self.design.envelope().to(wave.real)
-        share = self._norm * envelope[:, None] * envelope[None, :]
-        return (wave.real.square() + wave.imag.square()) * share
-
-    def _panel_positions(self, axis: int) -> torch.Tensor:
-        panel = self.design.camera.panel
-        return quarter_distances(panel.shape, (panel.pitch, panel.pitch))[axis].flatten()
-
-    def _open_shares(self) -> torch.Tensor:
-        shares = self.design.open_shares()
-        quarters = (shares, shares.flip(0), shares.flip(1), shares.flip(0, 1))
-        return torch.stack([crop_quarter(one) for one in quarters]).mean(0)
-
-    def _plan_map(self) -> FieldMap:
-        design, length = self.design, self.design.transform_length
-        if length:
-            return CosineTransformMap(self.shape, design.sample_reach, length // 2)
-        return CosineMatrixMap(self.shape, design.sample_reach, design.step, self._dtype)
-
-    def _plan_cosines(self) -> torch.Tensor:
-        """Return the matrix of a symmetric PSF's Fourier sum along an axis, (frequencies, samples).
-
-        A sample beside the middle counts for its mirror image too. As the sum is over samples at
-        the pixels' centres, it has all orders that the pixels fold. For binned pixels each sample
-        is shared by the two pixels next to it in the proportion in which squares overlap.
-        """
-        design = self.design
-        _, frequencies = self.grid.frequencies()
-        positions = design.sample_positions()
-        # The imaginary parts of a sample and of its mirror image cancel.
-        kernel = binned_phasors(frequencies[0], positions, design.binning).real
-        kernel[:, 1:] *= 2
-        return (kernel * design.envelope() * math.sqrt(self._norm)).to(self._dtype.to_real())
-
-    def _transfer(self, light: torch.Tensor) -> torch.Tensor:
+    def transfer(self, light: torch.Tensor) -> torch.Tensor:
         kernel = self._cosines.to(light.device)
         return kernel @ light @ kernel.T
 
-    def _transfer_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:
+    def transfer_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:
         kernel = self._cosines.to(gradient.device)
         return kernel.T @ gradient @ kernel
 
@@ -164,38 +118,27 @@ class FullTransfer(PatternTransfer):
     """
 
     def __init__(self, design: TransferDesign, dtype: torch.dtype = torch.complex64) -> None:
-        self.shape = design.camera.panel.shape
-        self.grid = FrequencyGrid(design.size)
-        super().__init__(design, dtype)
-        self._kernels = self._plan_kernels()
-
-    def _panel_positions(self, axis: int) -> torch.Tensor:
-        return self.design.camera.panel.plane.coordinates(axis)
-
-    def _open_shares(self) -> torch.Tensor:
-        return self.design.open_shares()
-
-    def _plan_map(self) -> FieldMap:
-        design, length = self.design, self.design.transform_length
-        if length:
-            return FoldedMap(self.shape, design.sample_reach, length)
-        return ChirpMap(self.shape, design.sample_reach, design.step, self._dtype)
-
-    def _plan_kernels(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the cosine and sine matrices of a PSF's Fourier sum, (frequencies, samples).
-
-        They are for frequencies and samples that aren't negative. A sample beside the middle
-        counts for its mirror image too.
-        """
-        design = self.design
+        panel, reach, length = design.camera.panel, design.sample_reach, design.transform_length
+        super().__init__(
+            design,
+            FrequencyGrid(design.size),
+            [panel.plane.coordinates(axis) for axis in (0, 1)],
+            design.open_shares(),
+            FoldedMap(panel.shape, reach, length)
+            if length
+            else chirp_map(panel.shape, reach, design.step, dtype),
+            dtype,
+        )
+        # The cosine and sine matrices of a PSF's Fourier sum, (frequencies, samples), for those
+        # that aren't negative. A sample beside the middle counts for its mirror image too.
         frequencies = torch.fft.rfftfreq(design.size, dtype=torch.float64)
         phasors = binned_phasors(frequencies, design.sample_positions(), design.binning)
         kernel = phasors * design.envelope() * math.sqrt(self._norm)
         kernel[:, 1:] *= 2
-        real = self._dtype.to_real()
-        return kernel.real.to(real), -kernel.imag.to(real)
+        real = dtype.to_real()
+        self._kernels = kernel.real.to(real), -kernel.imag.to(real)
 
-    def _transfer(self, light: torch.Tensor) -> torch.Tensor:
+    def transfer(self, light: torch.Tensor) -> torch.Tensor:
         # Split into parts that are even or odd along each axis, the sum needs real products of a
         # quarter of the samples and of the frequencies: a third of the work.
         cosine, sine = (one.to(light.device) for one in self._kernels)
@@ -206,7 +149,7 @@ class FullTransfer(PatternTransfer):
         negative = torch.complex(cc + ss, sc - cs)
         return torch.cat((positive[:-1], negative[1:].flip(0)))
 
-    def _transfer_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:
+    def transfer_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:
         cosine, sine = (one.to(gradient.device) for one in self._kernels)
         half = self.design.size // 2
         none = gradient.new_zeros(1, gradient.shape[1])
@@ -264,8 +207,8 @@ class PanelCondition:
 class ConditionTransfer:
     """Computes OTFs of displayed patterns on a panel in a condition, for a search.
 
-    Call it as a `PatternTransfer`, with the phase as it is displayed: wrapped as the panel wraps.
-    Raises ValueError if the coupling is more than the panel's pitch.
+    It is a `DepthTransfer` of the phase as it is displayed: wrapped as the panel wraps. Raises
+    ValueError if the coupling is more than the panel's pitch.
 
     transfer: computes the OTFs of the panel as it should be.
     """
@@ -277,27 +220,15 @@ class ConditionTransfer:
                 f"coupling is {condition.coupling:g} m; choose at most the panel's pitch, "
                 f"{panel.pitch:g} m"
             )
-        self._transfer, self._condition = transfer, condition
+        self._transfer, self._condition, self.grid = transfer, condition, transfer.grid
         self._sigma = condition.coupling / panel.pitch
         self._side = math.sqrt(panel.fill_factor)
         mirrored = isinstance(transfer, QuarterTransfer)
         # The blur ends within five standard deviations of a pixel's border.
         self._margin = math.ceil(1 + 5 * self._sigma) if mirrored and self._sigma else 0
 
-    @property
-    def grid(self) -> FrequencyGrid:
-        """The frequencies of the OTFs."""
-        return self._transfer.grid
-
     def __call__(self, phase: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
-        """Compute the OTFs of a displayed phase at depths.
-
-        The result is (depths, rows, columns), on the frequencies of `grid`, and differentiable in
-        the phase, once.
-
-        phase: displayed phase in radians, of the shape that the transfer takes.
-        dioptres: depths, 0 (infinity) or more; at least one.
-        """
+        """Compute the OTFs (depths, rows, columns) of a displayed phase, as a `PatternTransfer`."""
         shown = self._condition.response * phase
         if not self._sigma:
             return self._transfer(shown, dioptres)
@@ -316,11 +247,8 @@ class ConditionTransfer:
 def fold_into_range(phase: torch.Tensor, top: float) -> torch.Tensor:
     """Fold a phase back at both ends of a panel's range, so that it is continuous there.
 
-    It stays where it is from 0 to `top`; elsewhere it becomes its mirror image at the nearest end.
-    Raises ValueError if `top` isn't positive.
-
-    phase: radians, of any shape; the result is differentiable in it.
-    top: upper end of the range in radians; the lower one is 0.
+    It stays where it is from 0 to `top`, radians; elsewhere it becomes its mirror image at the
+    nearest end. Raises ValueError if `top` isn't positive.
     """
     require_positive("top", top, "rad")
     return top - (torch.remainder(phase, 2 * top) - top).abs()

@@ -20,12 +20,9 @@ class PatternRating:
 
     Attributes
     ----------
-    blind : float
-        Expected PSNR in dB of one filter for all depths.
-    known_depth : float
-        Expected PSNR in dB if the depth is known.
-    least_known_depth : float
-        The same at the worst of the depths.
+    blind, known_depth, least_known_depth : float
+        Expected PSNR in dB: of one filter for all depths, if the depth is known, and the same at
+        the worst of the depths.
     light : float
         Mean share of the light that reaches the window, 0 to 1.
     """
@@ -46,12 +43,10 @@ def rate_pattern(
 ) -> PatternRating:
     """Compute the expected PSNR of linear restoration behind a pattern, over depths.
 
-    The OTFs are computed one by one, so that any number of depths fits in memory.
-
     Parameters
     ----------
     transfer : DepthTransfer
-        Computes the OTFs.
+        Computes the OTFs, one by one, so that any number of depths fits in memory.
     phase : torch.Tensor, (rows, columns)
         The pattern, radians.
     spectrum : torch.Tensor
@@ -64,7 +59,7 @@ def rate_pattern(
     Returns
     -------
     PatternRating
-        The rating.
+        What linear restoration is expected to give.
 
     Raises
     ------
@@ -90,14 +85,11 @@ def rate_transfers(
     shares: torch.Tensor,
     noise: float,
 ) -> PatternRating:
-    """Compute the expected PSNR of linear restoration from OTFs at depths, taken one by one.
+    """Compute the expected PSNR of linear restoration from OTFs at `count` depths, one by one.
 
     transfers: OTF at each depth, (rows, columns), relative to the light of the open pupil; the
         depths weigh the same.
-    count: number of the depths.
-    spectrum, shares: power spectrum of the pictures, float64, and the frequencies' shares, (rows,
-        columns).
-    noise: standard deviation of a pixel's noise, where white is 1.
+    spectrum, shares: power spectrum of the pictures, float64, and the frequencies' shares.
     """
     memory = DepthMemory(count, spectrum, noise)
     known, light = [], 0.0
@@ -110,9 +102,8 @@ def rate_transfers(
 
 
 class DepthMemory:
-    """Sums over depth of OTFs and of their squared moduli, of which the blind filter is made.
+    """Sums over `count` depths of OTFs and of their squared moduli, for the blind filter.
 
-    count: number of depths that are summed.
     spectrum: power spectrum of the pictures, (rows, columns), float64.
     noise: standard deviation of a pixel's noise, where white is 1.
     """
@@ -141,10 +132,6 @@ class DepthMemory:
         return float((shares * lost).sum())
 
 
-_KNOWN_DEPTH_RATE = 0.4
-"""Rate in radians for the known-depth criterion; chosen, between .3 and .6 of `settings_for`."""
-
-
 @dataclass(frozen=True)
 class SearchSettings:
     """Tune the search for a pattern.
@@ -154,12 +141,10 @@ class SearchSettings:
     rate : float
         Largest change of a parameter per step, about; radians for phases. Measured for the blind
         criterion, a quarter of a panel and rings to start from, after 600 steps: .05, .1 and .2
-        reach the same to .04 dB, .1 the most. See also `settings_for`.
-    depths : int
-        Depths per step. Measured as above, in equal time: 1 and 6 are .07 dB worse than 2.
-    parts : int
-        Equal parts of the depth range from which depths are drawn in turn. Chosen: 24 steps go
-        through all of them.
+        reach the same to .04 dB, .1 the most.
+    depths, parts : int
+        Depths per step, and equal parts of the depth range from which they are drawn in turn.
+        Measured as above, in equal time: 1 and 6 depths are .07 dB worse than 2.
     warm_up : int
         Steps over which the rate grows from zero; chosen.
     last_rate : float
@@ -189,17 +174,6 @@ class SearchSettings:
             raise ValueError(f"depths is {self.depths}; choose at most the {self.parts} parts")
 
 
-def settings_for(criterion: str) -> SearchSettings:
-    """Return the settings with which a search starts for a criterion.
-
-    With the depth known, larger steps are better. Measured from a cubic pattern: .3 radians gained
-    1.25 dB in 250 steps, 1.5 radians 1.1 dB, and .1 radians 1.1 dB in 500. Large steps lose the
-    start's level at first, and gain more once the rate has fallen.
-    """
-    rate = _KNOWN_DEPTH_RATE if criterion == "known" else SearchSettings.rate
-    return SearchSettings(rate=rate)
-
-
 @dataclass(eq=False)
 class SearchState:
     """The state of a search, with which it goes on bit by bit as it would have.
@@ -209,14 +183,12 @@ class SearchState:
 
     Attributes
     ----------
-    step : int
-        Steps taken.
+    step, skipped : int
+        Steps taken, and those without a finite gradient.
     parameters : torch.Tensor
         Current parameters, float64.
-    optimiser : dict
-        The state of Adam.
-    generator : torch.Tensor
-        The state of the random generator.
+    optimiser, generator : dict and torch.Tensor
+        The states of Adam and of the random generator.
     pending : list of int
         Parts of the depth range that are still to be drawn from in this turn.
     remembered : list of torch.Tensor
@@ -224,14 +196,11 @@ class SearchState:
         depth.
     sums : list of tuple of torch.Tensor
         For each filter, their sum, and that of their squared moduli.
-    band_errors : list of float
-        Errors of the wavelengths and conditions, each averaged over its last steps.
-    errors : list of float
-        Errors of the last steps with the depth known, from which `history` is estimated.
+    band_errors, errors : list of float
+        Errors of the wavelengths and conditions, each averaged over its last steps; and those of
+        the last steps with the depth known, from which `history` is estimated.
     history : list of tuple of (int, float)
         Step and estimated level in dB, from the depths drawn last.
-    skipped : int
-        Steps without a finite gradient so far.
     """
 
     step: int = 0
@@ -253,14 +222,12 @@ class DesignResult:
 
     Attributes
     ----------
-    phase : torch.Tensor, (rows, columns), float64
-        Unwrapped phase in radians, of the shape that the transfer takes.
-    parameters : torch.Tensor
-        The parameters that make it.
-    rating : PatternRating
-        Expected PSNR at fixed depths, `optics.edof.pattern_search.RATED_DEPTHS`.
-    start_rating : PatternRating
-        That of the pattern that the search started from.
+    phase, parameters : torch.Tensor
+        Unwrapped phase in radians, (rows, columns), float64, of the shape that the transfer takes;
+        and what makes it.
+    rating, start_rating : PatternRating
+        Expected PSNR at fixed depths, `optics.edof.pattern_search.RATED_DEPTHS`, of the pattern and
+        of the one that the search started from.
     history : tuple of tuple of (int, float)
         Step and estimated level in dB, from the depths drawn last. It lags: see `rating`.
     skipped : int

@@ -13,7 +13,7 @@ from optics.edof.field_maps import FieldMap
 from optics.edof.picture_spectrum import FrequencyGrid
 from optics.edof.transfer_design import TransferDesign
 from optics.fourier import unit_phasor
-from optics.fourier.differentiation import differentiate_once
+from optics.fourier.differentiation import apply_function, differentiate_once
 from optics.psf.phase_factor import phase_factor
 from optics.threads import in_full_precision
 
@@ -32,97 +32,75 @@ class DepthTransfer(Protocol):
 class PatternTransfer(ABC):
     """The OTFs of patterns of one kind, at any depths.
 
-    Call it with a pattern and depths; see `__call__`. The light is relative to all light that
-    leaves the panel through the stop, so that an OTF at zero frequency is the share of light in the
-    window. Light beyond the window is lost. The light's density at the samples stands for that on
-    whole pixels; where its fringes are finer than pixels, the samples' sum may exceed 1 a little
-    (.1 % was seen).
-
-    grid: the frequencies of the OTFs, for criteria and spectra.
-    shape: (rows, columns) of a pattern.
+    The light is relative to all light that leaves the panel through the stop, so that an OTF at
+    zero frequency is the share of light in the window. Light beyond the window is lost. The light's
+    density at the samples stands for that on whole pixels; where its fringes are finer than pixels,
+    the samples' sum may exceed 1 a little (.1 % was seen).
     """
 
     design: TransferDesign
     grid: FrequencyGrid
+    """The frequencies of the OTFs, for criteria and spectra."""
     shape: tuple[int, int]
-    _copies: int = 1
-    """How often the pattern's pixels appear on the panel."""
+    """(rows, columns) of a pattern."""
 
-    def __init__(self, design: TransferDesign, dtype: torch.dtype = torch.complex64) -> None:
-        self.design, self._dtype = design, dtype
-        self._positions = tuple(self._panel_positions(axis) for axis in (0, 1))
-        shares = self._open_shares()
-        self._amplitude = None if bool((shares == 1).all()) else shares.to(dtype.to_real())
-        open_area = float(shares.square().sum()) * self._copies
-        self._norm = design.step**2 / open_area
-        self._map = self._plan_map()
+    def __init__(
+        self,
+        design: TransferDesign,
+        grid: FrequencyGrid,
+        positions: Sequence[torch.Tensor],
+        open_shares: torch.Tensor,
+        field_map: FieldMap,
+        dtype: torch.dtype,
+    ) -> None:
+        """Take what is the same for all depths.
+
+        positions: those of a pattern's pixels along both axes, metres, float64.
+        open_shares: open share of each of a pattern's pixels.
+        field_map: the map from the panel's wave to the sensor's.
+        """
+        self.design, self.grid, self._dtype = design, grid, dtype
+        self.shape = (open_shares.shape[0], open_shares.shape[1])
+        self._positions, self._map = positions, field_map
+        whole = bool((open_shares == 1).all())
+        self._amplitude = None if whole else open_shares.to(dtype.to_real())
+        copies = 4 if grid.quarter else 1
+        self._norm = design.step**2 / (float(open_shares.square().sum()) * copies)
 
     @abstractmethod
-    def _panel_positions(self, axis: int) -> torch.Tensor:
-        """Return the positions of a pattern's pixels along an axis, metres, float64."""
-
-    @abstractmethod
-    def _open_shares(self) -> torch.Tensor:
-        """Return the open share of each of a pattern's pixels."""
-
-    @abstractmethod
-    def _plan_map(self) -> FieldMap:
-        """Choose the map from the panel's wave to the sensor's."""
-
-    @abstractmethod
-    def _transfer(self, light: torch.Tensor) -> torch.Tensor:
+    def transfer(self, light: torch.Tensor) -> torch.Tensor:
         """Compute the OTF from the light |wave|² at the samples."""
 
     @abstractmethod
-    def _transfer_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:
+    def transfer_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:
         """Compute the gradient by the light at the samples from that by the OTF."""
 
     @in_full_precision
     def __call__(self, phase: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
         """Compute the OTFs of a pattern at depths.
 
-        Parameters
-        ----------
-        phase : torch.Tensor, (rows, columns)
-            Phase in radians on the panel's pixels, unwrapped or wrapped. The result is
-            differentiable in it, once. Where it isn't finite, neither are the OTFs, so that a
-            search can skip a broken step.
-        dioptres : sequence of float
-            Depths, 0 (infinity) or more; at least one.
+        They are (depths, rows, columns), on the frequencies of `grid`. Raises ValueError if the
+        pattern has another shape, a depth is negative or isn't finite, or there is none.
 
-        Returns
-        -------
-        torch.Tensor, (depths, rows, columns)
-            OTF at each depth on the frequencies of `grid`.
-
-        Raises
-        ------
-        ValueError
-            If the pattern has another shape, or a depth is negative or isn't finite, or there is
-            none.
+        phase: radians on the panel's pixels, unwrapped or wrapped. The result is differentiable in
+            it, once. Where it isn't finite, neither are the OTFs, so that a search can skip a
+            broken step.
         """
         self._require_suitable("phase", phase, dioptres)
-        answer: torch.Tensor = _DepthTransfer.apply(phase, self, tuple(dioptres))  # type: ignore[no-untyped-call]
-        return answer
+        return apply_function(_DepthTransfer, phase, False, self, tuple(dioptres))
 
     @in_full_precision
     def of_field(self, field: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
         """Compute the OTFs at depths behind pixels whose field is known, as a call does.
 
-        The result is (depths, rows, columns), on the frequencies of `grid`, and differentiable in
-        the field, once. Raises ValueError if the field has another shape, or a depth is negative or
-        isn't finite, or there is none.
-
         field: field of each pixel where light of amplitude 1 falls on it, without the stop; (rows,
-            columns), complex.
-        dioptres: depths, 0 (infinity) or more; at least one.
+            columns), complex. The result is differentiable in it, once.
         """
         self._require_suitable("field", field, dioptres)
         open_field = field.to(self._dtype)
         if self._amplitude is not None:
             open_field = open_field * self._amplitude.to(field.device)
-        answer: torch.Tensor = _FieldTransfer.apply(open_field, self, tuple(dioptres))  # type: ignore[no-untyped-call]
-        return answer
+        return apply_function(_DepthTransfer, open_field, True, self, tuple(dioptres))
 
     def _require_suitable(self, name: str, pixels: torch.Tensor, dioptres: Sequence[float]) -> None:
         """Raise ValueError unless a pattern has the right shape and the depths are valid."""
@@ -132,62 +110,32 @@ class PatternTransfer(ABC):
                 f"{name} is {tuple(pixels.shape)}; this pattern has {self.shape} pixels"
             )
 
-    def _depth_waves(
-        self, modulation: torch.Tensor, dioptres: Sequence[float], *, keep: bool
-    ) -> tuple[torch.Tensor, list[torch.Tensor]]:
-        """Compute the OTFs of a modulated panel at depths, and its waves on the samples.
-
-        keep: whether the waves are kept, for a gradient; there are none otherwise.
-        """
-        found, waves = [], []
-        for one in dioptres:
-            wave = self.wave(modulation, one)
-            found.append(self._transfer(wave.real.square() + wave.imag.square()))
-            if keep:
-                waves.append(wave)
-        return torch.stack(found), waves
-
-    def _gradient_by_modulation(
-        self, gradient: torch.Tensor, waves: Sequence[torch.Tensor], dioptres: Sequence[float]
-    ) -> torch.Tensor:
-        """Compute the gradient by a panel's modulation from that by its OTFs at depths, once."""
-        gradient = gradient.detach()
-        total: torch.Tensor | None = None
-        for one, wave, by_transfer in zip(dioptres, waves, gradient, strict=True):
-            found = self._wave_adjoint(2 * self._transfer_adjoint(by_transfer) * wave, one)
-            total = found if total is None else total.add_(found)
-        assert total is not None
-        return total
-
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
         """Compute the complex modulation of the pixels, with the stop's open shares."""
         phasor = phase_factor(phase, self._dtype)
         return phasor if self._amplitude is None else phasor * self._amplitude.to(phasor.device)
 
-    def defocus(self, dioptre: float, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+    def _defocus(self, dioptre: float, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
         """Compute the defocus phasors of an object's depth along both axes."""
         column, row = (
-            unit_phasor(self.design.defocus_turns(axis, dioptre, p), self._dtype).to(device)
-            for axis, p in enumerate(self._positions)
+            unit_phasor(self.design.defocus_turns(dioptre, one), self._dtype).to(device)
+            for one in self._positions
         )
         return column[:, None], row[None, :]
 
     def wave(self, modulation: torch.Tensor, dioptre: float) -> torch.Tensor:
         """Compute the wave on the sensor's samples behind a modulation at one depth."""
-        column, row = self.defocus(dioptre, modulation.device)
-        return self._map.forward((modulation * row).mul_(column))
+        column, row = self._defocus(dioptre, modulation.device)
+        return self._map((modulation * row).mul_(column))
 
-    def _wave_adjoint(self, wave: torch.Tensor, dioptre: float) -> torch.Tensor:
+    def wave_adjoint(self, wave: torch.Tensor, dioptre: float) -> torch.Tensor:
         """Apply the conjugate transpose of `wave`."""
-        column, row = self.defocus(dioptre, wave.device)
+        column, row = self._defocus(dioptre, wave.device)
         return (self._map.adjoint(wave) * row.conj()).mul_(column.conj())
 
 
-_OTF = "the OTFs of a pattern"
-
-
 class _DepthTransfer(torch.autograd.Function):
-    """The autograd function of a phase's OTFs at depths, one depth at a time.
+    """The autograd function of the OTFs of a phase, or of a panel's field, at depths.
 
     Of each depth the wave in the window is kept for the gradient, which is a tenth of the memory
     that automatic differentiation would keep. The gradients of all depths by the modulation are
@@ -196,44 +144,39 @@ class _DepthTransfer(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, phase: torch.Tensor, transfer: PatternTransfer, dioptres: tuple[float, ...]
+        ctx: Any,
+        pixels: torch.Tensor,
+        is_field: bool,
+        transfer: PatternTransfer,
+        dioptres: tuple[float, ...],
     ) -> torch.Tensor:
-        modulation = transfer.modulation(phase.detach())
-        ctx.transfer, ctx.dioptres, ctx.phase_dtype = transfer, dioptres, phase.dtype
-        ctx.save_for_backward(phase, modulation)
-        keep = ctx.needs_input_grad[0]
-        found, ctx.waves = transfer._depth_waves(modulation, dioptres, keep=keep)
-        return found
+        modulation = pixels.detach() if is_field else transfer.modulation(pixels.detach())
+        ctx.is_field, ctx.transfer, ctx.dioptres, ctx.waves = is_field, transfer, dioptres, []
+        ctx.save_for_backward(pixels, modulation)
+        found = []
+        for one in dioptres:
+            wave = transfer.wave(modulation, one)
+            found.append(transfer.transfer(wave.real.square() + wave.imag.square()))
+            if ctx.needs_input_grad[0]:
+                ctx.waves.append(wave)
+        return torch.stack(found)
 
     @staticmethod
     # torch runs this with the precision of whoever asks for gradients, inside autocast or not.
     @in_full_precision
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        phase, modulation = ctx.saved_tensors
-        total = ctx.transfer._gradient_by_modulation(gradient, ctx.waves, ctx.dioptres)
-        by_phase = total.imag * modulation.real - total.real * modulation.imag
-        found = by_phase.to(ctx.phase_dtype)
-        return differentiate_once(_OTF, found, (phase, gradient)), None, None
-
-
-class _FieldTransfer(torch.autograd.Function):
-    """The autograd function of the OTFs of a panel's field at depths, one depth at a time."""
-
-    @staticmethod
-    def forward(
-        ctx: Any, field: torch.Tensor, transfer: PatternTransfer, dioptres: tuple[float, ...]
-    ) -> torch.Tensor:
-        ctx.transfer, ctx.dioptres = transfer, dioptres
-        ctx.save_for_backward(field)
-        keep = ctx.needs_input_grad[0]
-        found, ctx.waves = transfer._depth_waves(field.detach(), dioptres, keep=keep)
-        return found
-
-    @staticmethod
-    @in_full_precision
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        by_field = ctx.transfer._gradient_by_modulation(gradient, ctx.waves, ctx.dioptres)
-        return differentiate_once(_OTF, by_field, (*ctx.saved_tensors, gradient)), None, None
+        pixels, modulation = ctx.saved_tensors
+        total: torch.Tensor | None = None
+        for one, wave, by_transfer in zip(ctx.dioptres, ctx.waves, gradient.detach(), strict=True):
+            by_wave = 2 * ctx.transfer.transfer_adjoint(by_transfer) * wave
+            found = ctx.transfer.wave_adjoint(by_wave, one)
+            total = found if total is None else total.add_(found)
+        assert total is not None
+        if not ctx.is_field:
+            by_phase = total.imag * modulation.real - total.real * modulation.imag
+            total = by_phase.to(pixels.dtype)
+        what = "the OTFs of a pattern"
+        return differentiate_once(what, total, (pixels, gradient)), None, None, None
 
 
 def binned_phasors(
@@ -245,9 +188,8 @@ def binned_phasors(
     binned pixels, is shared by the two pixels next to the position: linear interpolation. Without
     binning the position itself counts.
 
-    frequencies: cycles per binned pixel, (frequencies,).
-    positions: sensor pixels from the middle, (positions,).
-    binning: sensor pixels along each side of a binned pixel.
+    frequencies: cycles per binned pixel.
+    positions: sensor pixels from the middle.
     """
     if binning == 1:
         return unit_phasor(-torch.outer(frequencies, positions), torch.complex128)

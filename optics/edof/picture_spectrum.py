@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 
 from optics.fourier.fft import rfft_column_weights
-from optics.validation import accepts_numpy, require_count, require_finite
+from optics.validation import accepts_numpy, require_finite
 
 
 @dataclass(frozen=True)
@@ -57,15 +57,11 @@ class FrequencyGrid:
         return rows[:, None], columns[None, :]
 
     def shares(self) -> torch.Tensor:
-        """Return the share of all frequencies that each one on the grid stands for.
+        """Return the share of all frequencies that each one on the grid stands for, float64.
 
         A frequency also stands for those of the other sign that the grid leaves out. The shares
         sum to 1, so that the sum of shares times a power spectrum is a mean over all frequencies,
         which is a variance per pixel.
-
-        Returns
-        -------
-        torch.Tensor, (rows, columns), float64
         """
         columns = rfft_column_weights(self.size).double()
         rows = columns if self.quarter else torch.ones(self.size, dtype=torch.float64)
@@ -108,7 +104,6 @@ class SpectrumModel:
     the pictures' mean isn't counted, and constant in |f| below one cycle over 512 pixels.
 
     coefficients: c[m][k] for the multiples 0, 2, 4 ... of the angle: up to five rows of one length.
-    source: the pictures that the spectrum is of.
     """
 
     coefficients: tuple[tuple[float, ...], ...]
@@ -128,37 +123,11 @@ class SpectrumModel:
         The pictures may have any number of pixels, but must show the scene at the same scale: one
         pixel must cover the same part of a typical object as in the pictures of the model.
         """
-        return self.at(*grid.frequencies())
-
-    def at(self, fy: torch.Tensor, fx: torch.Tensor) -> torch.Tensor:
-        """Compute the power spectrum at frequencies in cycles per pixel that broadcast; float64."""
-        rows = len(self.coefficients), len(self.coefficients[0])
-        terms = _model_terms(fy.double(), fx.double(), *rows)
+        fy, fx = grid.frequencies()
+        terms = _model_terms(fy, fx, len(self.coefficients), len(self.coefficients[0]))
         flat = torch.tensor(self.coefficients, dtype=torch.float64).flatten()
         spectrum = torch.exp(torch.einsum("t...,t->...", terms, flat))
         return torch.where(torch.hypot(fy, fx) > 0, spectrum, 0.0)
-
-    def binned_on_grid(self, grid: FrequencyGrid, binning: int) -> torch.Tensor:
-        """Compute the power spectrum of pictures whose pixels are averaged in squares.
-
-        Binning averages binning x binning pixels into one, so that the same scene has fewer, larger
-        pixels. It multiplies by the transfer function of a square and folds all frequencies that
-        are whole cycles per new pixel apart onto one another. The result is (rows, columns),
-        float64, and zero at zero frequency.
-
-        grid: the frequencies of the binned pictures.
-        binning: old pixels along each side of a new pixel, 1 or more.
-        """
-        require_count("binning", binning)
-        fy, fx = grid.frequencies()
-        total = torch.zeros(grid.shape, dtype=torch.float64)
-        for my in range(binning):
-            for mx in range(binning):
-                oy, ox = (_fold_frequency((f + m) / binning) for f, m in ((fy, my), (fx, mx)))
-                box = averaging_transfer(oy, binning) * averaging_transfer(ox, binning)
-                total += box**2 * self.at(oy, ox) / binning**2
-        total[0, 0] = 0.0
-        return total
 
 
 NATURAL_SPECTRUM = SpectrumModel(
@@ -181,7 +150,7 @@ linear light.
 
 
 @accepts_numpy
-def measure_picture_spectrum(pictures: torch.Tensor, size: int) -> torch.Tensor:
+def measure_picture_spectrum(pictures: Iterable[torch.Tensor], size: int) -> torch.Tensor:
     """Measure the mean power spectrum of pictures, without their means, on a periodic grid.
 
     The spectrum of a picture is ``|DFT|²`` over its number of pixels. A smaller picture is padded
@@ -192,8 +161,8 @@ def measure_picture_spectrum(pictures: torch.Tensor, size: int) -> torch.Tensor:
 
     Parameters
     ----------
-    pictures : torch.Tensor, (pictures, rows, columns), or a sequence of (rows, columns)
-        Brightness in linear light, where white is 1.
+    pictures : torch.Tensor, (pictures, rows, columns), or iterable of (rows, columns)
+        Brightness in linear light, where white is 1. They are taken one by one.
     size : int
         Pixels along each side of the grid.
 
@@ -206,14 +175,6 @@ def measure_picture_spectrum(pictures: torch.Tensor, size: int) -> torch.Tensor:
     ------
     ValueError
         If there is no picture, or one isn't finite or not (rows, columns).
-    """
-    return mean_spectrum(pictures, size)
-
-
-def mean_spectrum(pictures: Iterable[torch.Tensor], size: int) -> torch.Tensor:
-    """Measure the mean power spectrum of pictures that come one by one, for large collections.
-
-    Parameters and result are those of `measure_picture_spectrum`.
     """
     grid = FrequencyGrid(size)
     total, count = torch.zeros(grid.shape, dtype=torch.float64), 0
@@ -278,17 +239,3 @@ def _tiled_periodogram(centred: torch.Tensor, size: int) -> torch.Tensor:
             transform = torch.fft.rfft2(tile, s=(size, size))
             total += transform.real**2 + transform.imag**2
     return total / (rows * columns)
-
-
-def _fold_frequency(frequency: torch.Tensor) -> torch.Tensor:
-    """Return frequencies folded into -1/2 to 1/2 cycles per pixel."""
-    return frequency - torch.round(frequency)
-
-
-def averaging_transfer(frequency: torch.Tensor, binning: int) -> torch.Tensor:
-    """Return the transfer function of a mean over a row of `binning` pixels.
-
-    frequency: cycles per pixel before binning.
-    """
-    below = torch.sinc(frequency)
-    return torch.sinc(binning * frequency) / below

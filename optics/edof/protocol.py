@@ -27,6 +27,9 @@ from optics.validation import (
 LightScale = Literal["linear", "srgb"]
 """Whether a picture's values are proportional to light, or encoded by the curve of sRGB."""
 
+LINEAR_BELOW = 0.0031308
+"""Light up to which the sRGB encoding is linear (IEC 61966-2-1)."""
+
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of red, green and blue in the luminance of linear sRGB (IEC 61966-2-1)."""
 
@@ -40,13 +43,14 @@ def decode_srgb(picture: torch.Tensor) -> torch.Tensor:
 
 @accepts_numpy
 def encode_srgb(picture: torch.Tensor) -> torch.Tensor:
-    """Convert linear light to sRGB values, 0 to 1 (IEC 61966-2-1).
+    """Convert linear light to sRGB values, 0 to 1; light is clipped to 0 to 1, as by a display."""
+    return encode_unclipped(picture.clamp(0, 1))
 
-    Light below 0 or above 1 is clipped, as a display does it.
-    """
-    light = picture.clamp(0, 1)
-    power = 1.055 * light.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
-    return torch.where(light <= 0.0031308, 12.92 * light, power)
+
+def encode_unclipped(light: torch.Tensor) -> torch.Tensor:
+    """Encode linear light by the curve of sRGB, which goes on below 0 and above 1."""
+    power = 1.055 * light.clamp(min=LINEAR_BELOW) ** (1 / 2.4) - 0.055
+    return torch.where(light <= LINEAR_BELOW, 12.92 * light, power)
 
 
 @accepts_numpy
@@ -60,7 +64,6 @@ def prepare_scene(
 
     picture: values encoded by the curve of sRGB, (rows, columns) or (rows, columns, 3) in red,
         green, blue; float from 0 to 1, or uint8 from 0 to 255.
-    side: side of the scene in pixels.
     light: "linear" decodes the values to light; "srgb" takes the encoded values as if they were
         light.
     shortest_edge: pixels of the photograph's shortest edge after it is resized (bicubic, with
@@ -72,7 +75,12 @@ def prepare_scene(
     values = _encoded_channels(picture)
     if shortest_edge is not None:
         require_count("shortest_edge", shortest_edge)
-        values = _resize(values, shortest_edge)
+        scale = shortest_edge / min(values.shape[-2:])
+        size = [round(n * scale) for n in values.shape[-2:]]
+        # Bicubic interpolation overshoots at edges.
+        values = torch.nn.functional.interpolate(
+            values[None], size=size, mode="bicubic", antialias=True, align_corners=False
+        )[0].clamp(0, 1)
     rows, columns = values.shape[-2:]
     if min(rows, columns) < side:
         raise ValueError(
@@ -101,18 +109,6 @@ def _encoded_channels(picture: torch.Tensor) -> torch.Tensor:
     return values
 
 
-def _resize(values: torch.Tensor, shortest_edge: int) -> torch.Tensor:
-    """Resize channels so that the picture's shortest edge has a number of pixels."""
-    rows, columns = values.shape[-2:]
-    scale = shortest_edge / min(rows, columns)
-    size = (round(rows * scale), round(columns * scale))
-    resized = torch.nn.functional.interpolate(
-        values[None], size=size, mode="bicubic", antialias=True, align_corners=False
-    )[0]
-    # Bicubic interpolation overshoots at edges.
-    return resized.clamp(0, 1)
-
-
 def convert_to_luminance(channels: torch.Tensor) -> torch.Tensor:
     """Convert red, green and blue, (3, rows, columns), to their luminance, (rows, columns).
 
@@ -128,19 +124,16 @@ def convert_to_luminance(channels: torch.Tensor) -> torch.Tensor:
 Border = Literal["periodic", "true"]
 """What lies beyond a capture: the same picture again, or the rest of a larger scene."""
 
-SSIM_WINDOW = "Gaussian, sigma 1.5, 11 x 11 pixels"
-"""The window of `optics.metrics.ssim`."""
-
 
 @dataclass(frozen=True)
 class NoiseRange:
-    """The noise of captures: a standard deviation, or several over a range.
+    """The noise of captures with the full aperture: a standard deviation, or several over a range.
 
-    low, high: smallest and largest standard deviation of a pixel, relative to white, with the full
-        aperture. Positive; equal for one noise level.
+    low, high: smallest and largest standard deviation of a pixel, relative to white. Positive;
+        equal for one noise level.
     levels: number of noise levels: the midpoints of so many equal parts of the range.
-    shot_share: share, 0 to 1, of a white pixel's variance with the full aperture that is photon
-        noise. It is proportional to the light. The rest, read noise, doesn't depend on it.
+    shot_share: share, 0 to 1, of a white pixel's variance that is photon noise, in proportion to
+        the light. The rest, read noise, doesn't depend on it.
     """
 
     low: float
@@ -158,7 +151,7 @@ class NoiseRange:
 
     @property
     def deviations(self) -> tuple[float, ...]:
-        """Standard deviation of each noise level, with the full aperture."""
+        """Standard deviation of each noise level."""
         if self.low == self.high:
             return (self.low,)
         width = (self.high - self.low) / self.levels
@@ -184,34 +177,29 @@ class EdofProtocol:
     ----------
     name : str
         Name of the protocol in tables.
-    wavelength : float, optional
-        Metres.
-    pixel_pitch : float, optional
-        Metres between pixels of full resolution.
+    wavelength, pixel_pitch : float, optional
+        Metres; the pitch is that of pixels of full resolution.
     pixel_response : {"point", "area"}, optional
         Whether a pixel of full resolution takes the light density at its centre times its area, or
         the light on its area.
-    psf_window : int, optional
-        Pixels of full resolution along a side of the window in which PSFs are computed. Light
-        beyond it is lost, and reported.
-    binning : int, optional
-        Pixels of full resolution along a side of a detector pixel.
+    psf_window, binning : int, optional
+        Pixels of full resolution along a side of the window in which PSFs are computed, and of a
+        detector pixel. Light beyond the window is lost, and reported.
     shortest_edge : int, optional
         Detector pixels to which a photograph's shortest edge is resized; None leaves its size.
-    crop : int, optional
-        Detector pixels along a side of the capture, which is the middle of the photograph.
+    crop, centre : int, optional
+        Detector pixels along a side of the capture, which is the middle of the photograph, and of
+        its central part, which is scored apart.
     light : {"srgb", "linear"}, optional
         Whether a photograph's sRGB values are taken as light, or decoded to light.
     scored_in : tuple of {"srgb", "linear"}, optional
         Scales in which pictures are compared. Encoded values that are taken as light are compared
         as they are, "srgb".
     peak : float, optional
-        Peak of the PSNR, and data range of the SSIM, whose window is SSIM_WINDOW.
+        Peak of the PSNR, and data range of the SSIM (see `optics.metrics.ssim`).
     border : {"periodic", "true"}, optional
         "periodic": the image wraps around the crop. "true": the scene is larger than the capture
         by the whole PSF, and the decoder gets the capture alone.
-    centre : int, optional
-        Detector pixels along a side of the central part, which is scored apart.
     noise : NoiseRange, optional
         The noise levels. Pictures take turns: all captures of a picture have one level. One decoder
         is built for each level, so that it is known.
@@ -219,10 +207,9 @@ class EdofProtocol:
         Farthest and nearest depth in dioptres, for depths off the grid and for blind decoders.
     on_grid : tuple of float, optional
         Depths in dioptres on the grid: those that are published.
-    off_grid_count : int, optional
-        Number of depths off the grid: one at random from each of so many equal parts of the range.
-    design_count : int, optional
-        Number of depths for which blind decoders are built: midpoints of equal parts of the range.
+    off_grid_count, design_count : int, optional
+        Number of depths off the grid, one at random from each of so many equal parts of the range;
+        and of those for which blind decoders are built, the midpoints of equal parts.
     seed : int, optional
         Seed of the depths off the grid and of the noise, which is the same for every pattern.
 
@@ -264,20 +251,11 @@ class EdofProtocol:
             require_count(name, getattr(self, name))
         if self.shortest_edge is not None:
             require_count("shortest_edge", self.shortest_edge)
-        self._require_names()
-        if self.centre > self.crop:
-            raise ValueError(f"centre is {self.centre}; it can't exceed the crop, {self.crop}")
-        require_depth_range(self.depth_range)
-        require_dioptres("on_grid", self.on_grid)
-
-    def _require_names(self) -> None:
-        """Raise ValueError for a word that isn't one of its choices."""
-        choices = {
-            "pixel_response": ("point", "area"),
-            "light": ("srgb", "linear"),
-            "border": ("periodic", "true"),
-        }
-        for name, words in choices.items():
+        for name, words in (
+            ("pixel_response", ("point", "area")),
+            ("light", ("srgb", "linear")),
+            ("border", ("periodic", "true")),
+        ):
             if getattr(self, name) not in words:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; choose {' or '.join(words)}")
         if not self.scored_in or not set(self.scored_in) <= {"srgb", "linear"}:
@@ -287,6 +265,10 @@ class EdofProtocol:
                 f"scored_in is {self.scored_in}; sRGB values that are taken as light have no "
                 "linear scale: score in srgb, or simulate in linear light"
             )
+        if self.centre > self.crop:
+            raise ValueError(f"centre is {self.centre}; it can't exceed the crop, {self.crop}")
+        require_depth_range(self.depth_range)
+        require_dioptres("on_grid", self.on_grid)
 
     @property
     def detector_pitch(self) -> float:

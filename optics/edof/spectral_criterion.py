@@ -18,8 +18,7 @@ If the depth is known, each depth has its own Wiener filter, and
 The mean of E over all frequencies is the expected squared error per pixel. The mean of a picture
 isn't counted: S is zero at zero frequency (see `optics.edof.picture_spectrum`).
 
-The means over depth are weighted, so that a quadrature over dioptres can stand in for a continuous
-range. Sums are in double precision.
+Sums are in double precision.
 
 Thesis section 5.4; N. Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time
 Series, 1949; A. Levin et al., ACM Trans. Graph. 28(3), 97, 2009, doi 10.1145/1531326.1531403.
@@ -46,12 +45,11 @@ def blind_error(
     spectrum: torch.Tensor,
     shares: torch.Tensor,
     noise: float,
-    weights: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """Compute the expected squared error per pixel of one linear filter for all depths.
 
     The error is a float64 scalar, differentiable in `transfer`. Raises ValueError if shapes don't
-    fit, weights are negative or sum to zero, or the noise isn't a finite number of 0 or more.
+    fit, or the noise isn't a finite number of 0 or more.
 
     transfer: transfer function at each depth, (depths, rows, columns), real or complex.
     spectrum: power spectrum of the pictures, (rows, columns), whose mean over all frequencies is
@@ -59,10 +57,9 @@ def blind_error(
     shares: share of all frequencies that each one stands for, (rows, columns); see
         `FrequencyGrid.shares`.
     noise: standard deviation of a pixel's noise, where white is 1; at least `LEAST_NOISE` is used.
-    weights: weights of the depths in the mean, (depths,), positive; equal by default.
     """
     _require_shapes(transfer, spectrum, shares)
-    mean, power = mean_transfer(transfer, weights)
+    mean, power = mean_transfer(transfer)
     spectrum = spectrum.double()
     captured = spectrum * power + noise_variance(noise)
     lost = spectrum * (1 - spectrum * _squared_modulus(mean) / captured)
@@ -75,7 +72,6 @@ def known_depth_error(
     spectrum: torch.Tensor,
     shares: torch.Tensor,
     noise: float,
-    weights: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """Compute the expected squared error per pixel of a linear filter that knows the depth.
 
@@ -85,7 +81,8 @@ def known_depth_error(
     _require_shapes(transfer, spectrum, shares)
     variance, spectrum = noise_variance(noise), spectrum.double()
     error = spectrum.new_zeros(())
-    for one, weight in zip(transfer, depth_weights(transfer, weights), strict=True):
+    weight = 1 / len(transfer)
+    for one in transfer:
         lost = spectrum * variance / (spectrum * _squared_modulus(one) + variance)
         error = error + weight * (shares * lost).sum()
     return error
@@ -96,7 +93,6 @@ def blind_filter(
     transfer: torch.Tensor,
     spectrum: torch.Tensor,
     noise: float,
-    weights: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """Compute the linear filter of least expected squared error for pictures at all depths.
 
@@ -105,7 +101,7 @@ def blind_filter(
     transfer function, so that the picture's mean is kept.
     """
     _require_shapes(transfer, spectrum, spectrum)
-    mean, power = mean_transfer(transfer, weights)
+    mean, power = mean_transfer(transfer)
     spectrum = spectrum.double()
     built = spectrum * mean.conj() / (spectrum * power + noise_variance(noise))
     kept = torch.zeros_like(spectrum, dtype=torch.bool)
@@ -121,7 +117,6 @@ def filter_error(
     spectrum: torch.Tensor,
     shares: torch.Tensor,
     noise: float,
-    weights: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """Compute the expected squared error per pixel of a given linear filter at some depths.
 
@@ -133,44 +128,26 @@ def filter_error(
     """
     _require_shapes(transfer, spectrum, shares)
     spectrum, error = spectrum.double(), shares.new_zeros((), dtype=torch.float64)
-    for one, weight in zip(transfer, depth_weights(transfer, weights), strict=True):
+    weight = 1 / len(transfer)
+    for one in transfer:
         missed = spectrum * _squared_modulus(1 - restoring * one)
         error = error + weight * (shares * missed).sum()
     return error + noise_variance(noise) * (shares * _squared_modulus(restoring)).sum()
 
 
-def mean_transfer(
-    transfer: torch.Tensor, weights: torch.Tensor | None = None
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute the means over depth of transfer functions and of their squared modulus.
+def mean_transfer(transfer: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Compute the means over depth of transfer functions H, (depths, rows, columns), and of |H|².
 
-    Returns the mean of H and the mean of |H|², each (rows, columns), in double precision.
-
-    transfer: transfer function at each depth, (depths, rows, columns), real or complex.
-    weights: weights of the depths, (depths,); equal by default.
+    Each is (rows, columns), in double precision.
     """
     kind = torch.complex128 if transfer.is_complex() else torch.float64
     mean = transfer.new_zeros(transfer.shape[1:], dtype=kind)
     power = transfer.new_zeros(transfer.shape[1:], dtype=torch.float64)
-    for one, weight in zip(transfer, depth_weights(transfer, weights), strict=True):
+    weight = 1 / len(transfer)
+    for one in transfer:
         mean = mean + weight * one
         power = power + weight * _squared_modulus(one)
     return mean, power
-
-
-def depth_weights(transfer: torch.Tensor, weights: torch.Tensor | None) -> list[float]:
-    """Return the weights of the depths as numbers that sum to 1."""
-    count = len(transfer)
-    if weights is None:
-        return [1 / count] * count
-    given = weights.detach().double()
-    if given.shape != (count,):
-        raise ValueError(
-            f"weights is {tuple(given.shape)}; give one weight for each of {count} depths"
-        )
-    if not bool(torch.isfinite(given).all()) or bool((given < 0).any()) or not float(given.sum()):
-        raise ValueError("weights has a negative or no finite weight, or only zeros; give positive")
-    return [float(one) for one in given / given.sum()]
 
 
 def noise_variance(noise: float) -> float:
@@ -193,7 +170,7 @@ def noise_at_light(noise: float, light: float, photon_share: float = 0.0) -> flo
     ValueError if a share is out of range.
 
     noise: standard deviation where white is 1, with the light of the full aperture.
-    light: share of the full aperture's light that is collected, above 0 and up to 1.
+    light: share of that light that is collected, above 0 and up to 1.
     photon_share: share of the variance that is photon noise, at the full aperture's light.
     """
     require_positive("light", light, "")

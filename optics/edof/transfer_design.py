@@ -38,15 +38,15 @@ class TransferDesign:
         Pixels along each side of the periodic pictures, even.
     binning : int, optional
         Sensor pixels along each side of the squares that are averaged into a pixel of the
-        pictures; 1 by default. The scene is taken to be constant within such a square.
+        pictures. The scene is taken to be constant within such a square.
     reach : int, optional
         Sensor pixels from the middle of the PSF to the border of the window whose light counts.
     fast : bool, optional
         Whether the light's samples may lie up to 1 % closer than the sensor's pixels, so that fast
-        transforms fit. The frequencies stay those of the sensor. True by default.
+        transforms fit. The frequencies stay those of the sensor.
     pixel_size : bool, optional
-        Whether the envelope of the panel's pixels of finite size counts; False by default. With it,
-        the light of the pixels' other orders is lost.
+        Whether the envelope of the panel's pixels of finite size counts. With it, the light of the
+        pixels' other orders is lost.
 
     Raises
     ------
@@ -101,7 +101,8 @@ class TransferDesign:
             return None
         least = math.ceil(self.period / 2 - 1e-9)
         for half in range(least, math.floor(self.period / 2 * (1 + _MOST_FINER)) + 1):
-            if _has_small_factors(half):
+            # A number without prime factors above 7 divides a high power of their product.
+            if pow(2 * 3 * 5 * 7, 64, half) == 0:
                 return 2 * half
         return None
 
@@ -130,22 +131,16 @@ class TransferDesign:
         """Return the share of each panel pixel that the stop leaves open, float64."""
         return pupil_amplitude(self.camera)
 
-    def defocus_turns(self, axis: int, dioptre: float, positions: torch.Tensor) -> torch.Tensor:
-        """Return the defocus of an object at a depth over one panel axis, in turns.
+    def defocus_turns(self, dioptre: float, positions: torch.Tensor) -> torch.Tensor:
+        """Return the defocus of an object at a depth over positions on one panel axis, in turns.
 
         The phase is pi / wavelength (D - D_focus) (y² + x²), so that it is a sum over both axes.
-
-        Parameters
-        ----------
-        axis : int
-            0 (y) or 1 (x); both have the same defocus.
-        dioptre : float
-            Depth of the object.
-        positions : torch.Tensor
-            Metres on the panel, float64.
         """
-        difference = dioptre - 1 / as_number(self.camera.lens.focus_distance)
-        return difference / (2 * self.wavelength) * positions**2
+        return self._beyond_focus(dioptre) / (2 * self.wavelength) * positions**2
+
+    def _beyond_focus(self, dioptre: float) -> float:
+        """Return how far a depth is from that in focus, dioptres."""
+        return dioptre - 1 / as_number(self.camera.lens.focus_distance)
 
     def envelope(self) -> torch.Tensor:
         """Return the factor of panel pixels of finite size on the light, at one axis' samples.
@@ -167,14 +162,5 @@ class TransferDesign:
         origin pixel. Seen from there, the optical axis is displaced, and defocus moves the PSF by
         half a pitch times the image distance times D - D_focus, along both axes.
         """
-        difference = dioptre - 1 / as_number(self.camera.lens.focus_distance)
         moved = 0.5 * self.camera.panel.pitch * as_number(self.camera.lens.image_distance)
-        return -moved * difference / self.camera.sensor.pitch
-
-
-def _has_small_factors(number: int) -> bool:
-    """Tell whether a number has no prime factor above 7."""
-    for factor in (2, 3, 5, 7):
-        while number % factor == 0:
-            number //= factor
-    return number == 1
+        return -moved * self._beyond_focus(dioptre) / self.camera.sensor.pitch

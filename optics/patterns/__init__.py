@@ -10,8 +10,6 @@ the sensor.
 from __future__ import annotations
 
 from optics.patterns import (
-    aberrations,
-    constant,
     extended_depth,
     focal_sweep,
     gratings,
@@ -20,8 +18,6 @@ from optics.patterns import (
     patches,
     slope,
 )
-from optics.patterns.aberrations import *
-from optics.patterns.constant import *
 from optics.patterns.extended_depth import *
 from optics.patterns.focal_sweep import *
 from optics.patterns.gratings import *
@@ -32,8 +28,6 @@ from optics.patterns.slope import *
 
 # Each module says what of it is public, so that a pattern is added in one place.
 __all__: list[str] = []
-__all__ += aberrations.__all__
-__all__ += constant.__all__
 __all__ += extended_depth.__all__
 __all__ += focal_sweep.__all__
 __all__ += gratings.__all__

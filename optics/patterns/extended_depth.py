@@ -36,12 +36,12 @@ def cubic_phase_mask(panel: Panel, strength: float, radius: float | None = None)
     Raises
     ------
     ValueError
-        If the strength isn't finite, the radius isn't positive, or the pattern is too steep for the
-        pixels; the message then names the largest strength that they allow.
+        If the strength isn't finite, the radius isn't positive, or the phase is too steep; the
+        message names the largest strength.
 
     References
     ----------
-    Thesis Eq. 2.41; Dowski and Cathey 1995, doi 10.1364/AO.34.001859.
+    Dowski and Cathey 1995, doi 10.1364/AO.34.001859.
     """
     if not math.isfinite(strength):
         raise ValueError(f"strength is {strength} rad; it must be finite")
@@ -84,12 +84,12 @@ def annular_phase_mask(
     Raises
     ------
     ValueError
-        If a number is out of range, or the pattern is too steep for the pixels; the message then
-        names the largest depth, or number of rings, that they allow.
+        If a number is out of range, or the phase is too steep; the message names the largest depth
+        or number of rings.
 
     References
     ----------
-    Ohta et al., Jpn. J. Appl. Phys. 54, 09ME03, 2015; thesis Fig. 5.5.
+    Ohta et al., Jpn. J. Appl. Phys. 54, 09ME03, 2015.
     """
     if not math.isfinite(depth):
         raise ValueError(f"depth is {depth} rad; it must be finite")
@@ -148,8 +148,8 @@ def logarithmic_asphere(
     Raises
     ------
     ValueError
-        If the distances aren't positive or in order, or the pattern is too steep for the pixels;
-        the message names the limit.
+        If the distances aren't positive or in order, or the phase is too steep; the message names
+        the limit.
 
     References
     ----------

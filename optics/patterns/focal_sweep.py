@@ -9,8 +9,13 @@ import numpy as np
 import torch
 
 from optics.camera import Panel
-from optics.patterns.foci import require_depth_range, require_lengths, require_slope_within
-from optics.patterns.visible_area import corner_radius, visible_share
+from optics.patterns.foci import (
+    corner_radius,
+    require_depth_range,
+    require_lengths,
+    require_slope_within,
+    visible_share,
+)
 from optics.quarter_symmetry import mirror_quarter, quarter_distances
 
 __all__ = ["focal_sweep_axicon"]
@@ -76,22 +81,19 @@ def focal_sweep_axicon(
     Raises
     ------
     ValueError
-        If a number is out of range, or the pattern is too steep for the pixels; the message then
-        names the limit.
+        If a number is out of range, or the pattern is too steep; the message names the limit.
 
     Notes
     -----
     Measured for the thesis' camera, 2 dioptres to infinity, as the expected error of one Wiener
     filter for 30 depths, with noise of 0.008 and the spectrum of Kodak's photographs, in dB: 18.0
     for one sweep, 20.9 to 21.0 for 5 to 10, 20.8 for 14; even in area 18.3 for one and 20.7 for 6.
-    (The number of sweeps was chosen with the spectrum of BSDS' photographs.) The ends of the range
-    are its weakest depths. Six of Kodak's photographs, restored by such a filter at the thesis' ten
-    distances, gain 2.0 dB at the worst distance and 0.4 dB in the mean with a range that is 0.15
-    dioptres longer at both ends.
+    The ends of the range are its weakest depths: with 0.15 dioptres more at both, six photographs
+    at the thesis' ten distances gain 2.0 dB at the worst and 0.4 dB in the mean.
 
     One sweep, even in the area of a circle, is the quartic axicon. `logarithmic_asphere` is its
-    counterpart with the *distance* even in the area: every metre of depth then gets the same
-    light, and the phase is a logarithm, but infinity can't be in the range.
+    counterpart with the *distance* even in the area: every metre then gets the same light, and
+    infinity can't be in the range.
 
     References
     ----------

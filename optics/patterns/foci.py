@@ -1,4 +1,4 @@
-"""Check the depths of patterns whose parts focus at different depths.
+"""Check the depths of patterns whose parts focus at different depths, and share out their light.
 
 Depths are vergences in dioptres; optics.patterns.multi_focus says what that means.
 """
@@ -11,8 +11,7 @@ from collections.abc import Sequence
 import torch
 
 from optics.camera import Panel
-from optics.patterns.slope import require_slope
-from optics.patterns.visible_area import corner_radius
+from optics.patterns.slope import largest_phase_step, require_slope
 from optics.validation import require_positive, require_wavelength, rounded_down
 
 
@@ -62,15 +61,39 @@ def require_slope_within(
     wavelength: float,
     focus: float,
 ) -> None:
-    """Raise ValueError for a phase that is too steep within a part.
-
-    part: number of each pixel's part, between which the phase may jump; None for a smooth pattern.
-    """
-    largest = 0.0
-    for axis in (0, 1):
-        steps = torch.diff(phase, dim=axis).abs()
-        if part is not None:
-            steps = steps[torch.diff(part, dim=axis) == 0]
-        largest = max(largest, float(steps.max()) if steps.numel() else 0.0)
+    """Raise ValueError for a phase that is too steep within a part, between which it may jump."""
     most = rounded_down(wavelength / (max(panel.shape) * panel.pitch**2))
-    require_slope(name, largest, f"choose depths within {most} dioptres of focus, {focus:g}")
+    remedy = f"choose depths within {most} dioptres of focus, {focus:g}"
+    require_slope(name, largest_phase_step(phase, part), remedy)
+
+
+def visible_area(panel: Panel, squared_radius: torch.Tensor) -> torch.Tensor:
+    """Compute the area of a panel's pixels within circles about their centre, m².
+
+    It is that of the disc less the segments that reach beyond the panel's sides. The circles end at
+    its corners.
+    """
+    area = math.pi * squared_radius
+    for pixels in panel.shape:
+        side = pixels * panel.pitch / 2
+        squared = torch.clamp(squared_radius, min=side**2)
+        angle = torch.acos(torch.clamp(side / torch.sqrt(squared), max=1.0))
+        area = area - 2 * (squared * angle - side * torch.sqrt(squared - side**2))
+    return area
+
+
+def visible_share(panel: Panel, squared_radius: torch.Tensor, radius: float) -> torch.Tensor:
+    """Compute the share of a panel's light within circles, of all that is within the last circle.
+
+    squared_radius: of the circles, m²; one beyond the last has the share 1.
+    radius: of the last one, metres, up to the panel's corners.
+    """
+    last = torch.tensor(radius**2, dtype=torch.float64)
+    inside = torch.clamp(squared_radius, max=radius**2)
+    share = visible_area(panel, inside) / float(visible_area(panel, last))
+    return torch.clamp(share, min=0.0, max=1.0)
+
+
+def corner_radius(panel: Panel) -> float:
+    """Return the distance from the centre of a panel's pixels to its corners, metres."""
+    return 0.5 * math.hypot(*panel.shape) * panel.pitch

@@ -35,8 +35,8 @@ def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch
     Raises
     ------
     ValueError
-        If the period isn't positive, or the pattern is too steep for the pixels; the message then
-        names the shortest period that they allow.
+        If the period isn't positive, or the phase is too steep; the message names the shortest
+        period.
     """
     _require_period(period, direction)
     steepest = max(abs(math.cos(direction)), abs(math.sin(direction)))
@@ -70,8 +70,7 @@ def steering_grating(
     Raises
     ------
     ValueError
-        If a length is invalid, or the pattern is too steep for the pixels; the message then names
-        the largest shift that they allow.
+        If a length is invalid, or the phase is too steep; the message names the largest shift.
     """
     require_positive("distance", distance, "m")
     require_wavelength("wavelength", wavelength)
@@ -151,12 +150,8 @@ def sine_grating(
     Raises
     ------
     ValueError
-        If the period is below 4 pixels, a number isn't finite, or the pattern is too steep for the
-        pixels; the message then names the largest amplitude that they allow.
-
-    References
-    ----------
-    Thesis section 6.4.
+        If the period is below 4 pixels, a number isn't finite, or the phase is too steep; the
+        message names the largest amplitude.
     """
     _require_period(period, direction)
     if not math.isfinite(amplitude):

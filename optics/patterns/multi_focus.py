@@ -23,8 +23,9 @@ from optics.patterns.foci import (
     require_lengths,
     require_slope_within,
     require_vergences,
+    visible_area,
+    visible_share,
 )
-from optics.patterns.visible_area import visible_area, visible_share
 from optics.quarter_symmetry import mirror_quarter, quarter_distances
 
 __all__ = ["even_vergences", "lattice_focal_lens", "multi_focus_rings"]
@@ -34,7 +35,7 @@ _GOLDEN = (math.sqrt(5) - 1) / 2
 
 The golden ratio puts every next focus into the largest gap between the foci before it. Measured for
 ten foci: of the steps 1, 3, 7 and 9, the nearest to it, 7, has the least expected error of a blind
-filter with the spectrum of BSDS' photographs; with that of Kodak's it is 0.2 dB better than 1.
+filter with the spectrum of BSDS' photographs.
 """
 
 _RADII = 100_001
@@ -120,15 +121,14 @@ def multi_focus_rings(
     ------
     ValueError
         If a number is out of range, there are more rings than pixels can show, or a lens is too
-        steep for the pixels; the message then names the limit.
+        steep; the message names the limit.
 
     Notes
     -----
     Measured for the thesis' camera, 2 dioptres to infinity, as the expected error of one Wiener
     filter for 30 depths, with noise of 0.008 and the spectrum of Kodak's photographs, in dB: ten
     even foci in 40 rings 20.6, in cyclic order 20.4; the thesis' ten distances 20.3, in cyclic
-    order 19.6. Rings of equal area of the whole circle, which the panel's edges make unequal, come
-    to the same within 0.1 dB.
+    order 19.6. Rings of equal area of the whole circle come to the same within 0.1 dB.
     """
     foci = require_vergences(vergences)
     radius = require_lengths(panel, wavelength, focus, radius)
@@ -190,8 +190,7 @@ def lattice_focal_lens(
     Raises
     ------
     ValueError
-        If a number is out of range, or a lens is too steep for the pixels; the message then names
-        the limit.
+        If a number is out of range, or a lens is too steep; the message names the limit.
 
     References
     ----------
@@ -220,8 +219,9 @@ def _most_rings(panel: Panel, radius: float) -> int:
 
     The narrowest ring is where the circle is longest on the panel, before its edges cut it.
     """
+    last = torch.tensor(radius**2, dtype=torch.float64)
     longest = 2 * math.pi * min(radius, min(panel.shape) * panel.pitch / 2)
-    return max(1, math.floor(visible_area(panel, radius) / (longest * panel.pitch)))
+    return max(1, math.floor(float(visible_area(panel, last)) / (longest * panel.pitch)))
 
 
 def _waves_at_edges(

@@ -1,4 +1,4 @@
-"""Patches of random phase."""
+"""The neutral pattern, and patches of random phase."""
 
 from __future__ import annotations
 
@@ -9,7 +9,32 @@ import torch
 from optics.camera import Panel
 from optics.validation import require_positive
 
-__all__ = ["random_patches"]
+__all__ = ["constant_phase", "random_patches"]
+
+
+def constant_phase(panel: Panel, phase: float = 0.0) -> torch.Tensor:
+    """Compute the neutral phase, which is the same everywhere.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    phase : float, default 0.0
+        Radians.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If the phase isn't finite.
+    """
+    if not math.isfinite(phase):
+        raise ValueError(f"phase is {phase}; it must be finite")
+    return torch.full(panel.shape, phase, dtype=torch.float64)
 
 
 def random_patches(
@@ -43,10 +68,6 @@ def random_patches(
     ------
     ValueError
         If there are more patches than pixels, or fewer than one, or the depth isn't positive.
-
-    References
-    ----------
-    Thesis section 6.4.
     """
     for name, count, pixels in zip(("rows", "columns"), patches, panel.shape, strict=True):
         if not 1 <= count <= pixels:

@@ -16,10 +16,19 @@ _ROUNDING = 1 + 1e-9
 """Factor on the largest allowed phase step, so that rounding errors aren't refused."""
 
 
-def largest_phase_step(phase: torch.Tensor) -> float:
-    """Compute the largest step between neighbours along rows or columns, in radians."""
-    steps = [torch.diff(phase, dim=axis) for axis in (0, 1)]
-    return max((float(step.abs().max()) for step in steps if step.numel()), default=0.0)
+def largest_phase_step(phase: torch.Tensor, part: torch.Tensor | None = None) -> float:
+    """Compute the largest step between neighbours along rows or columns, in radians.
+
+    part: number of each pixel's part, between which the phase may jump; None for a smooth pattern.
+    """
+    largest = []
+    for axis in (0, 1):
+        steps = torch.diff(phase, dim=axis).abs()
+        if part is not None:
+            steps = steps[torch.diff(part, dim=axis) == 0]
+        if steps.numel():
+            largest.append(float(steps.max()))
+    return max(largest, default=0.0)
 
 
 def require_slope(name: str, step: float, remedy: str) -> None:

@@ -39,22 +39,13 @@ Unmodulated light beside the target is thereby excluded.
 """
 
 
-@dataclass(frozen=True)
-class CameraFeedbackSettings:
-    """Tune the refinement by camera pictures. All values are chosen.
+_ITERATIONS, _FIRST_ITERATIONS = 5, 20
+"""Iterations of the model after each picture, and before the first one for several frames.
+Chosen."""
 
-    iterations: iterations of the model after each picture.
-    first_iterations: iterations of the model before the first picture, for several frames.
-    single_frame_gain: gain of the over-compensation of a single frame. It is below 1, because the
-        pictures correct the same error as well.
-    """
-
-    iterations: int = 5
-    first_iterations: int = 20
-    single_frame_gain: float = 0.5
-
-
-_SETTINGS = CameraFeedbackSettings()
+_SINGLE_FRAME_GAIN = 0.5
+"""Gain of the over-compensation of a single frame. It is below 1, because the pictures correct the
+same error as well. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +65,7 @@ class RefinementResult:
 
     @property
     def best(self) -> int:
-        """Return the index of the picture with the least error.
-
-        Index 0 is the start.
-        """
+        """Return the index of the picture with the least error; 0 is the start."""
         return min(range(len(self.errors)), key=self.errors.__getitem__)
 
 
@@ -104,9 +92,7 @@ def refine(
     phases : torch.Tensor, (frames, rows, columns)
         A solution without the camera, radians, as `retrieve` gives it.
     measure : callable
-        Shows phases, (frames, rows, columns), and returns their mean PSF on the goal's plane, on
-        any scale and nowhere negative: a bench with its camera. Called with the phases and a
-        Progress.
+        A bench with its camera: a `MeasurePSF`, called with the phases and a Progress.
     pictures : int
         Number of pictures, 2 or more. The first shows the start; the last is only measured.
     blur : callable, optional
@@ -125,10 +111,6 @@ def refine(
     ValueError
         If `pictures` is below 2, or a picture has another shape than the target, is dark where the
         target is bright, negative anywhere, or not finite.
-
-    References
-    ----------
-    Feedback by camera: Schroff et al., Sci. Rep. 13, 3252, 2023.
     """
     if pictures < 2:
         raise ValueError(f"pictures is {pictures}; two at least: before a correction and after")
@@ -139,13 +121,10 @@ def refine(
     bright = seen_target > JUDGED_TARGET_SHARE * seen_target.max()
     wanted = target
     # The fields are those of superpixels, each of which is one sample instead of side² pixels.
-    fields = (
-        pixels.to_superpixel_origin(
-            torch.stack([_field_on_window(goal, phase) for phase in phases])
-        )
-        / pixels.side**2
-    )
-    for _ in range(_SETTINGS.first_iterations if len(fields) > 1 else 0):
+    shown_fields = (torch.polar(goal.amplitude, phase.to(torch.float32)) for phase in phases)
+    on_window = torch.stack([goal.far_field.forward(field) for field in shown_fields])
+    fields = pixels.to_superpixel_origin(on_window) / pixels.side**2
+    for _ in range(_FIRST_ITERATIONS if len(fields) > 1 else 0):
         # The request whose result is the target doesn't follow from the phases, so the model
         # iterates towards it first.
         wanted = correct_request(wanted, target, mean_intensity(fields))
@@ -155,14 +134,16 @@ def refine(
     shown, errors = [phases.to(torch.float32)], list[float]()
     for number in range(pictures):
         part = progress.part(number / pictures, (number + 1) / pictures)
-        seen = _validate_picture(measure(shown[-1], part), target).to(torch.float32)
+        seen = measure(shown[-1], part)
+        _require_usable(seen, target)
+        seen = seen.to(torch.float32)
         errors.append(scaled_nrmse(seen[bright], seen_target[bright]))
         # Only the best and the latest phases are kept, because videos are large.
         shown = [shown[0] if errors[-1] > min(errors) else shown[-1]]
         if number == pictures - 1:
             break
         wanted = correct_request(wanted, seen_target, seen)
-        for _ in range(_SETTINGS.iterations):
+        for _ in range(_ITERATIONS):
             asked = _constrained_fields(fields, wanted)
             fields = pixels.far_field.round_trip(asked, pixels.uneven_amplitude)
         shown.append(pixels.pixel_phases(asked))
@@ -173,16 +154,12 @@ def _constrained_fields(fields: torch.Tensor, request: torch.Tensor) -> torch.Te
     """Constrain the frames' fields on the window to a requested mean intensity."""
     # Scaling wouldn't correct a single frame, so it is over-compensated instead.
     if len(fields) == 1:
-        return over_compensated_constraint(request, _SETTINGS.single_frame_gain)(fields)
+        return over_compensated_constraint(request, _SINGLE_FRAME_GAIN)(fields)
     return torch.stack(scale_to_mean(fields, mean_intensity(fields), request))
 
 
-def _field_on_window(goal: RetrievalGoal, phase: torch.Tensor) -> torch.Tensor:
-    return goal.far_field.forward(torch.polar(goal.amplitude, phase.to(torch.float32)))
-
-
-def _validate_picture(picture: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """Return a camera picture that is fit for corrections; raise ValueError for others."""
+def _require_usable(picture: torch.Tensor, target: torch.Tensor) -> None:
+    """Raise ValueError unless a camera's picture is fit for corrections."""
     if picture.shape != target.shape:
         raise ValueError(
             f"the camera's picture is {tuple(picture.shape)} and the target {tuple(target.shape)}; "
@@ -193,4 +170,3 @@ def _validate_picture(picture: torch.Tensor, target: torch.Tensor) -> torch.Tens
             "the camera's picture must be finite, nowhere negative, and lit where the target is; "
             "subtract a dark frame, cut at zero, and look whether the pattern is shown"
         )
-    return picture

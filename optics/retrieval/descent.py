@@ -23,44 +23,38 @@ _RATE = 0.03
 class GradientDescent:
     """Minimise the difference between a target and the mean light of frames.
 
-    orders: waves of the panel's range that are used. The loss is the squared error of the mean
-    intensity over the window, relative to the target's. The target is scaled to the light that the
-    start has in the target's bright part. A fitted scale would trade light for a smoother shape.
+    The loss is the squared error of the mean intensity over the window, relative to the target's.
+    The target is scaled to the light that the start has in the target's bright part. A fitted scale
+    would trade light for a smoother shape.
+
+    orders: waves of the panel's range that are used.
     """
 
     def __init__(self, goal: RetrievalGoal, orders: int = 1) -> None:
         self.goal, self.orders = goal, orders
         self.modulator = Modulator(goal.camera.panel, goal.wavelength)
         self._stop = pupil_amplitude(with_stop_shadow_on_panel(goal.camera)).to(torch.float32)
-        self._power = goal.power
         self._unmodulated_intensity = torch.zeros(goal.plane.shape)
         for share, field in self.modulator.unmodulated_fields:
             still = torch.ones(goal.camera.panel.shape) if field is None else field
-            self._unmodulated_intensity += (
-                share * goal.far_field.intensity(self._field_behind_stop(still)) / self._power
-            )
+            self._unmodulated_intensity += share * self._intensity(still) / goal.power
 
-    def _field_behind_stop(self, modulation: torch.Tensor) -> torch.Tensor:
-        return modulation.to(torch.complex64) * self._stop
+    def _intensity(self, modulation: torch.Tensor) -> torch.Tensor:
+        return self.goal.far_field.intensity(modulation.to(torch.complex64) * self._stop)
 
     def frame_intensity(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return the window's intensity for one frame's phase.
+        """Return the window's intensity for one frame's phase, as shares of all light.
 
-        The intensity is given as shares of all light. phase: (rows, columns). The result is
-        differentiable: the phase is rounded to grey levels in the value, but not in the derivative.
+        It is differentiable: the phase is rounded to the panel's grey levels in the value, but not
+        in the derivative.
         """
-        modulated = self.goal.far_field.intensity(
-            self._field_behind_stop(self.modulator.modulation(self._quantised_phase(phase)))
-        )
-        steered = (1 - self.modulator.unmodulated_share) * (1 - self.modulator.jitter_scatter_share)
-        return steered * modulated / self._power + self._unmodulated_intensity
-
-    def _quantised_phase(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return a phase rounded to the panel's grey levels, with a derivative of 1."""
         with torch.no_grad():
             shown = self.modulator.phase(self.modulator.grey(phase, self.orders))
             rounding = shown.to(torch.float32) - phase
-        return phase + rounding
+        modulation = self.modulator.modulation(phase + rounding)
+        steered = (1 - self.modulator.unmodulated_share) * (1 - self.modulator.jitter_scatter_share)
+        modulated = steered * self._intensity(modulation) / self.goal.power
+        return modulated + self._unmodulated_intensity
 
     def run(self, phases: torch.Tensor, iterations: int, progress: Progress) -> torch.Tensor:
         """Improve phases, (frames, rows, columns) in radians; return the best, float32."""

@@ -15,15 +15,17 @@ def unit_modulus(field: torch.Tensor) -> torch.Tensor:
     return torch.sgn(field)
 
 
+def field_intensity(field: torch.Tensor) -> torch.Tensor:
+    """Return the intensity ``|u|²`` of a field."""
+    return field.real**2 + field.imag**2
+
+
 class FarField:
     """Transform fields from a panel to a window of its far field of `length` x `length` samples.
 
-    The sums are those of the pruned FFT in optics.fourier, but the origin is the first pupil sample
-    instead of the middle one, which doesn't change any modulus. Every FFT runs along contiguous
-    memory, and an iteration that only needs the window never stores the panel's field.
-
-    Fields are (…, rows, columns), complex64 or complex128. shape: (rows, columns) of the panel.
-    window: (rows, columns), with its origin at n // 2.
+    Fields are (…, rows, columns), complex. The window has its origin at n // 2, and the panel at
+    the first sample, which doesn't change any modulus. Every FFT runs along contiguous memory, and
+    an iteration that only needs the window never stores the panel's field.
     """
 
     def __init__(self, shape: tuple[int, int], length: int, window: tuple[int, int]) -> None:
@@ -46,9 +48,8 @@ class FarField:
     ) -> torch.Tensor:
         """Transform a field from the window to the panel, and back with the panel's amplitude.
 
-        On the panel, the field keeps its phase and gets the panel's amplitude. The result is
-        forward(amplitude * unit_modulus(adjoint(field))). amplitude: real, (rows, columns) of the
-        panel; None is one everywhere.
+        The result is forward(amplitude * unit_modulus(adjoint(field))). amplitude: real, (rows,
+        columns) of the panel; None is one everywhere.
         """
         frames = field.reshape(-1, *self.window)
         answers = [self._bounce(frame, amplitude) for frame in frames]
@@ -65,12 +66,12 @@ class FarField:
             part = slice(first, min(first + step, rows))
             spectrum = memory[: part.stop - part.start]
             self._embed_window(along[part], 1, spectrum)
-            pupil = fft(spectrum, self.length, -1, inverse=True, scaled=False, overwrite=True)
+            pupil = self._inverse(spectrum)
             modulated = pupil[:, :columns].sgn_()
             if amplitude is not None:
                 modulated *= amplitude[part]
             pupil[:, columns:] = 0
-            self._crop_window_into(fft(pupil, self.length, -1, overwrite=True), 1, picked[part])
+            self._crop_window(fft(pupil, self.length, -1, overwrite=True), 1, picked[part])
         return self._crop_window(fft(picked.mT.contiguous(), self.length, -1), 0).mT
 
     def _columns_back(self, field: torch.Tensor) -> torch.Tensor:
@@ -82,16 +83,16 @@ class FarField:
         """Apply the adjoint of the FFT along the last axis of a spectrum."""
         return fft(spectrum, self.length, -1, inverse=True, scaled=False, overwrite=True)
 
-    def _crop_window(self, spectrum: torch.Tensor, axis: int) -> torch.Tensor:
-        """Crop the window from a spectrum's last axis; move its origin to n // 2."""
-        below, above = self._halves(axis)
-        return torch.cat([spectrum[..., self.length - below :], spectrum[..., :above]], dim=-1)
+    def _crop_window(
+        self, spectrum: torch.Tensor, axis: int, window: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """Crop the window from a spectrum's last axis; move its origin to n // 2.
 
-    def _crop_window_into(self, spectrum: torch.Tensor, axis: int, window: torch.Tensor) -> None:
-        """Crop the window as _crop_window() does, into existing memory."""
+        window: existing memory for the result; None allocates it.
+        """
         below, above = self._halves(axis)
-        window[..., :below] = spectrum[..., self.length - below :]
-        window[..., below:] = spectrum[..., :above]
+        parts = (spectrum[..., self.length - below :], spectrum[..., :above])
+        return torch.cat(parts, dim=-1, out=window)
 
     def _embed_window(
         self, window: torch.Tensor, axis: int, spectrum: torch.Tensor | None = None
@@ -119,8 +120,7 @@ class FarField:
 
         The intensity of a complete far field sums to length² times the sum of |field|².
         """
-        far = self.forward(field)
-        return far.real**2 + far.imag**2
+        return field_intensity(self.forward(field))
 
     @property
     def samples(self) -> float:

@@ -9,11 +9,10 @@ outlook (§3.6) proposes that each frame aims at the light that the others lack;
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import torch
 
-from optics.retrieval.far_field import unit_modulus
+from optics.retrieval.far_field import field_intensity
 from optics.retrieval.gerchberg_saxton import (
     amplitude_constraint,
     iterate_constraint,
@@ -21,27 +20,20 @@ from optics.retrieval.gerchberg_saxton import (
 )
 from optics.retrieval.superpixel import RetrievalJob, Superpixels, random_start, smooth_start
 
+_GAIN = 0.5
+"""Exponent of the correction of the mean in each iteration. Chosen, as those below."""
 
-@dataclass(frozen=True)
-class FrameAveragingSettings:
-    """Tune how the mean intensity of a video's frames is corrected. All values are chosen.
+_UNCORRECTED = 3
+"""Iterations before the mean is corrected for the first time."""
 
-    gain: exponent of the correction of the mean in each iteration.
-    uncorrected_iterations: number of iterations before the mean is corrected for the first time.
-    max_factor: largest factor of the correction in one iteration.
-    dark_share: share of the brightest sample that replaces a smaller mean, to avoid division by
-        zero.
-    faint_share: share of a sample's target that replaces a smaller mean.
-    """
+_MOST_CHANGE = 10.0
+"""Largest factor of the correction in one iteration."""
 
-    gain: float = 0.5
-    uncorrected_iterations: int = 3
-    max_factor: float = 10.0
-    dark_share: float = 1e-6
-    faint_share: float = 1e-3
+_DARK_SHARE = 1e-6
+"""Share of the brightest sample that replaces a smaller mean, to avoid division by zero."""
 
-
-_SETTINGS = FrameAveragingSettings()
+_FAINT_SHARE = 1e-3
+"""Share of a sample's target that replaces a smaller mean."""
 
 
 def independent_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
@@ -70,7 +62,7 @@ def sequential_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
         missing = (number * target - total).clamp(min=0)
         missing = torch.where(missing.sum() > 0, missing, target)
         wanted = missing * (target.sum() / missing.sum())
-        start = pixels.panel_field(smooth_start(pixels.goal, pixels, job.generator))
+        start = pixels.panel_field(smooth_start(pixels, job.generator))
         constrain = over_compensated_constraint(wanted)
         field = iterate_constraint(
             pixels, start, constrain, job.iterations, part, f"frame {number}:"
@@ -89,16 +81,13 @@ def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
     corrected by the error of the last mean.
     """
     target = pixels.target_intensity
-    amplitude = torch.sqrt(target)
-    fields, wanted = [], target
-    for _ in range(job.frames):
-        start = pixels.panel_field(smooth_start(pixels.goal, pixels, job.generator))
-        fields.append(pixels.far_field.forward(start))
-    iterations = job.iterations
+    constrain, wanted, iterations = amplitude_constraint(target), target, job.iterations
+    starts = (smooth_start(pixels, job.generator) for _ in range(job.frames))
+    fields = [pixels.far_field.forward(pixels.panel_field(start)) for start in starts]
     for iteration in range(iterations):
         job.progress.report(iteration / iterations, f"joint frames {iteration + 1}/{iterations}")
-        if iteration < _SETTINGS.uncorrected_iterations:
-            asked = [unit_modulus(field) * amplitude for field in fields]
+        if iteration < _UNCORRECTED:
+            asked = [constrain(field) for field in fields]
         else:
             mean = mean_intensity(fields)
             wanted = correct_request(wanted, target, mean)
@@ -120,11 +109,9 @@ def correct_request(
     lit = target > 0
     scale = mean[lit].sum() / target[lit].sum()
     missing = scale * target
-    given = torch.maximum(mean, _SETTINGS.faint_share * missing)
-    most = _SETTINGS.max_factor
-    change = torch.where(given > 0, missing / given, 1.0).clamp(1 / most, most)
-    change = torch.where(lit, change, 1.0)
-    asked = request * change**_SETTINGS.gain
+    given = torch.maximum(mean, _FAINT_SHARE * missing)
+    change = torch.where(given > 0, missing / given, 1.0).clamp(1 / _MOST_CHANGE, _MOST_CHANGE)
+    asked = request * torch.where(lit, change, 1.0) ** _GAIN
     return asked * (target.sum() / asked.sum())
 
 
@@ -132,15 +119,10 @@ def scale_to_mean(
     fields: Iterable[torch.Tensor], mean: torch.Tensor, request: torch.Tensor
 ) -> list[torch.Tensor]:
     """Scale frames' fields to change their mean intensity from `mean` to `request`."""
-    factor = torch.sqrt(request / mean.clamp(min=_SETTINGS.dark_share * float(request.max())))
+    factor = torch.sqrt(request / mean.clamp(min=_DARK_SHARE * float(request.max())))
     return [field * factor for field in fields]
 
 
 def mean_intensity(fields: Iterable[torch.Tensor]) -> torch.Tensor:
     """Return the mean of the frames' intensities."""
     return torch.stack([field_intensity(field) for field in fields]).mean(0)
-
-
-def field_intensity(field: torch.Tensor) -> torch.Tensor:
-    """Return the intensity ``|u|²`` of a field."""
-    return field.real**2 + field.imag**2

@@ -25,7 +25,7 @@ A coarser grid would miss speckle between its samples.
 def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
     """Return the number of samples along an axis of the far field, all of which light can reach.
 
-    The number is the length of the Fourier transform from pixels to the design grid. It is at least
+    It is the length of the Fourier transform from pixels to the design grid: at least
     `oversampling` times the longer side of the panel, and FFTs of that length are fast.
     """
     side = oversampling * max(camera.panel.shape)
@@ -37,9 +37,7 @@ def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
 def design_plane(
     camera: Camera, wavelength: float, window: tuple[int, int], oversampling: int = OVERSAMPLING
 ) -> Plane:
-    """Choose the grid in the focal plane on which a PSF is designed.
-
-    The grid is a window of the far field around the axis.
+    """Choose the grid in the focal plane on which a PSF is designed, a window around the axis.
 
     Parameters
     ----------
@@ -50,8 +48,8 @@ def design_plane(
     window : tuple of int
         (rows, columns) of the window in samples.
     oversampling : int, default 2
-        How much finer than the pupil's Nyquist rate the grid is at least. On a coarser grid than
-        the default, speckle hides between the samples.
+        How much finer than the pupil's Nyquist rate the grid is at least. With less than the
+        default, speckle hides between the samples.
 
     Returns
     -------
@@ -77,9 +75,7 @@ def design_plane(
 
 
 def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[int, int]:
-    """Choose the size of the window for light up to `reach` from the axis.
-
-    The window leaves a dark margin around the light.
+    """Choose the size of the window for light up to `reach` from the axis, with a dark margin.
 
     Parameters
     ----------
@@ -118,11 +114,14 @@ def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[i
 
 @dataclass(frozen=True, eq=False)
 class RetrievalGoal:
-    """A target PSF on the design grid, for a camera and a wavelength.
+    """A target PSF on the design grid, for a camera and a wavelength in metres.
+
+    Raises ValueError for a target that no PSF can have, a plane of another grid, or a panel without
+    light.
 
     target: intensity, (rows, columns), on any positive scale and zero beyond the window; it is
-    stored as float64 with a peak of one. plane: from design_plane(). wavelength: metres. Raises
-    ValueError for a target that no PSF can have, a plane of another grid, or a panel without light.
+        stored as float64 with a peak of one.
+    plane: from design_plane().
     """
 
     camera: Camera
@@ -161,15 +160,14 @@ class RetrievalGoal:
 
     @property
     def far_field_samples(self) -> int:
-        """Return the number of samples across the far field that the panel can steer light to."""
+        """The number of samples across the far field that the panel can steer light to."""
         return far_field_length(self.camera)
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
-        """Return the light's amplitude on the panel's pixels, (rows, columns) float32.
+        """The light's amplitude on the panel's pixels, (rows, columns) float32.
 
-        It includes the stop and the panel's illumination, and no pattern can change it. A stop that
-        is separated from the panel is replaced by its shadow on the panel.
+        It includes the panel's illumination and the stop, or its shadow on the panel.
         """
         amplitude = pupil_amplitude(with_stop_shadow_on_panel(self.camera))
         illumination = self.camera.panel.illumination
@@ -180,18 +178,15 @@ class RetrievalGoal:
 
     @functools.cached_property
     def power(self) -> float:
-        """Return the total light: the intensity's sum over the whole far field.
-
-        The sum is computed from `amplitude` by Parseval's theorem.
-        """
+        """The intensity's sum over the whole far field, by Parseval's theorem."""
         return float(self.amplitude.to(torch.float64).square().sum()) * self.far_field_samples**2
 
     @functools.cached_property
     def target_intensity(self) -> torch.Tensor:
-        """Return the target scaled to all light of the panel, (rows, columns) float32."""
+        """The target scaled to all light of the panel, (rows, columns) float32."""
         return (self.target / self.target.sum() * self.power).to(torch.float32)
 
     @functools.cached_property
     def far_field(self) -> FarField:
-        """Return the transform from all panel pixels to the target's window."""
+        """The transform from all panel pixels to the target's window."""
         return FarField(self.camera.panel.shape, self.far_field_samples, self.plane.shape)

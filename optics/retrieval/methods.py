@@ -23,10 +23,10 @@ from optics.retrieval.gerchberg_saxton import (
     iterate_constraint,
     mixed_region_constraint,
     over_compensated_constraint,
+    weighted_spots_field,
 )
 from optics.retrieval.goal import RetrievalGoal
 from optics.retrieval.slow_crystal import shortest_panel_phases, slow_crystal_frames
-from optics.retrieval.spots import weighted_spots_field
 from optics.retrieval.superpixel import (
     RetrievalJob,
     Superpixels,
@@ -47,7 +47,8 @@ def published_program_pattern(
     a spiral. Raises ValueError for a target that is dark on the program's grid.
     """
     side = max(goal.camera.panel.shape)
-    far_field = FarField(goal.camera.panel.shape, side, _window(goal, side))
+    rows, columns = (max(1, n * side // goal.far_field_samples) for n in goal.plane.shape)
+    far_field = FarField(goal.camera.panel.shape, side, (rows, columns))
     amplitude = torch.sqrt(_subsampled_target(goal, far_field.window))
     left_over = _residual_lens_phasor(far_field.window)
     phase = torch.rand(goal.camera.panel.shape, generator=generator) * 6 * math.pi
@@ -59,17 +60,8 @@ def published_program_pattern(
     return torch.angle(field)
 
 
-def _window(goal: RetrievalGoal, side: int) -> tuple[int, int]:
-    """Return the (rows, columns) of the published program's window on its grid."""
-    rows, columns = (max(1, n * side // goal.far_field_samples) for n in goal.plane.shape)
-    return rows, columns
-
-
 def _subsampled_target(goal: RetrievalGoal, window: tuple[int, int]) -> torch.Tensor:
-    """Sample the target on the published program's coarser grid.
-
-    Each sample takes the value of the nearest sample of the target.
-    """
+    """Take the target's nearest sample for each of the published program's coarser grid."""
     picked = []
     ratio = goal.far_field_samples / max(goal.camera.panel.shape)
     for n, m in zip(goal.plane.shape, window, strict=True):
@@ -98,48 +90,50 @@ def _residual_lens_phasor(window: tuple[int, int]) -> torch.Tensor:
     return torch.polar(torch.ones_like(angle), angle).to(torch.complex64)
 
 
-Solver = Callable[[RetrievalJob], torch.Tensor]
-"""Type of a function that solves a retrieval job: it returns phases (frames, rows, columns).
+MOST_FRAMES = 3600
+"""Largest number of frames of a retrieved video, one minute at 60 Hz."""
 
-The phases are in radians.
-"""
+Solver = Callable[[RetrievalJob], torch.Tensor]
+"""Type of a function that solves a retrieval job: it returns phases in radians, (frames, rows,
+columns)."""
 
 
 @dataclass(frozen=True)
 class RetrievalMethod:
     """A way to find phases, with its solver and its cost.
 
-    solve: the solver. description: a few words for users. min_frames, max_frames: the range of
-    frame numbers that the method supports. round_trip: function that predicts the processor time in
-    seconds of one iteration of one frame.
+    description: a few words for users.
+    trips: time of one iteration of one frame, relative to a round trip between panel and window.
+    on_superpixels: whether that round trip is one of superpixels, or of all pixels.
     """
 
     solve: Solver
     description: str
-    min_frames: int
-    max_frames: int
-    round_trip: Callable[[RetrievalGoal, MachineSpeed], float]
+    min_frames: int = 1
+    max_frames: int = MOST_FRAMES
+    trips: float = 1.0
+    on_superpixels: bool = True
 
     def seconds(
         self, goal: RetrievalGoal, frames: int, iterations: int, speed: MachineSpeed
     ) -> float:
         """Predict the processor time of all frames and iterations, in seconds."""
-        lift = 0.5 * _full_trip_seconds(goal, speed)
-        return frames * (lift + iterations * self.round_trip(goal, speed))
+        lift = 0.5 * _round_trip_seconds(goal.far_field, speed)
+        return frames * (lift + iterations * self._iteration_seconds(goal, speed))
 
     def iterations(
         self, goal: RetrievalGoal, frames: int, seconds: float, speed: MachineSpeed
     ) -> int:
         """Return how many iterations fit into `seconds`, which may be less than one."""
         rest = seconds - self.seconds(goal, frames, 0, speed)
-        return int(rest / (frames * self.round_trip(goal, speed)))
+        return int(rest / (frames * self._iteration_seconds(goal, speed)))
+
+    def _iteration_seconds(self, goal: RetrievalGoal, speed: MachineSpeed) -> float:
+        far_field = coarsest_superpixels(goal).far_field if self.on_superpixels else goal.far_field
+        return self.trips * _round_trip_seconds(far_field, speed)
 
     def serves(self, frames: int) -> bool:
         return self.min_frames <= frames <= self.max_frames
-
-
-MOST_FRAMES = 3600
-"""Largest number of frames of a retrieved video, one minute at 60 Hz."""
 
 
 def _round_trip_seconds(far_field: FarField, speed: MachineSpeed) -> float:
@@ -147,54 +141,6 @@ def _round_trip_seconds(far_field: FarField, speed: MachineSpeed) -> float:
     each = fft_operations(far_field.length) / far_field.length
     # A round trip takes 2.5 times as long as its FFTs.
     return 2.5 * far_field.samples * each * speed.fft
-
-
-def _superpixel_trip_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
-    return _round_trip_seconds(coarsest_superpixels(goal).far_field, speed)
-
-
-def _full_trip_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
-    return _round_trip_seconds(goal.far_field, speed)
-
-
-def _slow_crystal_trip_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
-    # An iteration with the liquid crystal's motion takes 2.6 times as long as one without it.
-    return 2.6 * _superpixel_trip_seconds(goal, speed)
-
-
-def _descent_step_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
-    # A step of the descent takes 2.5 times as long as a round trip with all pixels.
-    return 2.5 * _full_trip_seconds(goal, speed)
-
-
-def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name: str) -> Solver:
-    """Return a solver for one frame, which iterates with a constraint on the window's field."""
-
-    def solve(job: RetrievalJob) -> torch.Tensor:
-        pixels = job.superpixels
-        field = starting_field(job.goal, pixels, job.start, job.generator)
-        constrain = constraint(pixels.target_intensity)
-        asked = iterate_constraint(pixels, field, constrain, job.iterations, job.progress, name)
-        return pixels.pixel_phases(asked)[None]
-
-    return solve
-
-
-def _multi_frame_solver(way: Callable[[Superpixels, RetrievalJob], torch.Tensor]) -> Solver:
-    """Return a solver for several frames whose mean PSF has the target's shape."""
-
-    def solve(job: RetrievalJob) -> torch.Tensor:
-        pixels = job.superpixels
-        return pixels.pixel_phases(way(pixels, job))
-
-    return solve
-
-
-def _solve_weighted_spots(job: RetrievalJob) -> torch.Tensor:
-    pixels = job.superpixels
-    return pixels.pixel_phases(
-        weighted_spots_field(pixels, job.iterations, job.generator, job.progress)
-    )[None]
 
 
 def _solve_published_program(job: RetrievalJob) -> torch.Tensor:
@@ -206,10 +152,35 @@ def _solve_published_program(job: RetrievalJob) -> torch.Tensor:
     return torch.stack(list(found))
 
 
+def _solver(way: Callable[[Superpixels, RetrievalJob], torch.Tensor]) -> Solver:
+    """Return a solver from a way to find fields on the window, (frames, rows, columns)."""
+
+    def solve(job: RetrievalJob) -> torch.Tensor:
+        pixels = coarsest_superpixels(job.goal)
+        return pixels.pixel_phases(way(pixels, job))
+
+    return solve
+
+
+def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name: str) -> Solver:
+    """Return a solver for one frame, which iterates with a constraint on the window's field."""
+
+    def iterate(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
+        field = starting_field(pixels, job.start, job.generator)
+        constrain = constraint(pixels.target_intensity)
+        asked = iterate_constraint(pixels, field, constrain, job.iterations, job.progress, name)
+        return asked[None]
+
+    return _solver(iterate)
+
+
+def _weighted_spots(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
+    return weighted_spots_field(pixels, job.iterations, job.generator, job.progress)[None]
+
+
 def _solve_slow_crystal(job: RetrievalJob) -> torch.Tensor:
-    pixels = job.superpixels
-    asked = slow_crystal_frames(pixels, replace(job, progress=job.progress.part(0, 0.9)))
-    return shortest_panel_phases(job.goal, pixels.pixel_phases(asked))
+    phases = _solver(slow_crystal_frames)(replace(job, progress=job.progress.part(0, 0.9)))
+    return shortest_panel_phases(job.goal, phases)
 
 
 def _solve_descent(job: RetrievalJob) -> torch.Tensor:
@@ -235,76 +206,56 @@ METHODS: dict[str, RetrievalMethod] = {
     "published": RetrievalMethod(
         _solve_published_program,
         "Gerchberg-Saxton as in the thesis' program",
-        1,
-        MOST_FRAMES,
-        _full_trip_seconds,
+        on_superpixels=False,
     ),
     "gerchberg-saxton": RetrievalMethod(
         _single_frame_solver(amplitude_constraint, "Gerchberg-Saxton"),
         "Gerchberg-Saxton, corrected",
-        1,
-        1,
-        _superpixel_trip_seconds,
+        max_frames=1,
     ),
     "mixed-region": RetrievalMethod(
-        _single_frame_solver(
-            # More freedom takes too much light, and less leaves too much speckle.
-            lambda target: mixed_region_constraint(target, 0.4),
-            "mixed region",
-        ),
+        # More freedom takes too much light, and less leaves too much speckle.
+        _single_frame_solver(lambda target: mixed_region_constraint(target, 0.4), "mixed region"),
         "MRAF: light is free where the target is dark",
-        1,
-        1,
-        _superpixel_trip_seconds,
+        max_frames=1,
     ),
     "over-compensated": RetrievalMethod(
         _single_frame_solver(over_compensated_constraint, "over-compensated"),
         "the target is corrected by more than the error",
-        1,
-        1,
-        _superpixel_trip_seconds,
+        max_frames=1,
     ),
     "weighted": RetrievalMethod(
-        _solve_weighted_spots,
+        _solver(_weighted_spots),
         "weighted Gerchberg-Saxton, for spots only",
-        1,
-        1,
-        _superpixel_trip_seconds,
+        max_frames=1,
     ),
     "independent": RetrievalMethod(
-        _multi_frame_solver(independent_frames),
+        _solver(independent_frames),
         "frames that are retrieved independently",
-        1,
-        MOST_FRAMES,
-        _superpixel_trip_seconds,
     ),
     "sequential": RetrievalMethod(
-        _multi_frame_solver(sequential_frames),
+        _solver(sequential_frames),
         "each frame makes up for the errors of those before",
-        2,
-        MOST_FRAMES,
-        _superpixel_trip_seconds,
+        min_frames=2,
     ),
     "joint": RetrievalMethod(
-        _multi_frame_solver(joint_frames),
+        _solver(joint_frames),
         "all frames together, with feedback on their mean",
-        2,
-        MOST_FRAMES,
-        _superpixel_trip_seconds,
+        min_frames=2,
     ),
     "responding": RetrievalMethod(
         _solve_slow_crystal,
         "joint, through the response of a slow liquid crystal",
-        2,
-        MOST_FRAMES,
-        _slow_crystal_trip_seconds,
+        min_frames=2,
+        # The liquid crystal's motion is computed as well.
+        trips=2.6,
     ),
     "descent": RetrievalMethod(
         _solve_descent,
         "gradient descent through the model of the modulator",
-        1,
-        MOST_FRAMES,
-        _descent_step_seconds,
+        # A step is differentiated.
+        trips=2.5,
+        on_superpixels=False,
     ),
 }
 """The methods by name, from the published one to the most expensive one."""

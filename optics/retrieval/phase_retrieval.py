@@ -34,12 +34,10 @@ class PatternQuality:
         0 to 1. Light that the panel's gaps send into other orders is missing, and light that the
         panel can't modulate counts where it falls.
     steered_share : float
-        The same of the modulated light of one order: what a panel without gaps and without
-        unmodulated light would reach.
-    contrast : float
-        Speckle contrast of the modulated light where the target exceeds half of its peak.
-    nrmse : float
-        Normalised root-mean-square error of the modulated light's shape, with the best scale.
+        The same of the modulated light of one order, without gaps and unmodulated light.
+    contrast, nrmse : float
+        Of the modulated light: speckle contrast where the target exceeds half of its peak, and
+        normalised root-mean-square error of the shape, with the best scale.
     """
 
     efficiency: float
@@ -55,22 +53,20 @@ def measure_quality(goal: RetrievalGoal, light: torch.Tensor) -> PatternQuality:
     """
     target = goal.target
     return PatternQuality(
-        efficiency(light_with_gaps(goal, light), target),
+        efficiency(_light_with_gaps(goal, light), target),
         efficiency(light, target),
         speckle_contrast(light, target),
         scaled_nrmse(light, target),
     )
 
 
-def light_with_gaps(goal: RetrievalGoal, light: torch.Tensor) -> torch.Tensor:
+def _light_with_gaps(goal: RetrievalGoal, light: torch.Tensor) -> torch.Tensor:
     """Convert a PSF to shares of all light, with the panel's gaps and unmodulated light.
 
     A pixel of fill factor F sends the share F sinc²(m sqrt F) sinc²(n sqrt F) of its light to the
     place m by n orders off the axis, and unmodulated light adds in intensity (thesis §5.6). Where
     the stop's shadow limits the light, shares are of what panel and stop would pass in one plane,
     as those of a PSFOperator.
-
-    light: PSF of the modulated light, as shares of one order's light, (rows, columns).
     """
     camera, panel = goal.camera, goal.camera.panel
     order = goal.plane.pitch[0] * goal.far_field_samples
@@ -92,10 +88,8 @@ class RetrievalResult:
     orders : int
         Waves of the panel's range that the phases use. Show them with
         ``phase_to_grey(panel, phases, wavelength, orders)``.
-    method : str
-        Name of the method that found them, one of `METHODS`.
-    iterations : int
-        Number of its iterations.
+    method, iterations : str and int
+        Name of the method that found them, one of `METHODS`, and number of its iterations.
     quality : PatternQuality
         Of the mean PSF, with phases rounded to the panel's levels, on a grid twice finer than
         Nyquist. The liquid crystal's motion counts where there are several frames and the panel's
@@ -131,8 +125,7 @@ def retrieve(
 ) -> RetrievalResult:
     """Find phases whose PSF, or whose frames' mean PSF, has the target's shape.
 
-    There is no unique right answer, and so no tolerance: the quality reached is measured, and comes
-    with the result.
+    There is no unique right answer, and so no tolerance: the quality reached is measured.
 
     Parameters
     ----------
@@ -160,7 +153,7 @@ def retrieve(
     progress : Progress, optional
         Receives reports, and can cancel the work.
     speed : MachineSpeed, optional
-        Speed of the machine, by which a budget becomes a number of iterations.
+        That of the machine, by which a budget becomes a number of iterations.
 
     Returns
     -------
@@ -174,7 +167,7 @@ def retrieve(
         no iteration fits in the budget, or `budget` and `iterations` are both given.
     """
     progress, speed = progress or Progress(), speed or MachineSpeed()
-    _require(frames, budget, iterations, method)
+    _require_valid(frames, budget, iterations, method)
     require_start(start)
     goal = RetrievalGoal(camera, target, plane, wavelength)
     # A panel whose range is too short is refused before any pattern is computed.
@@ -184,9 +177,14 @@ def retrieve(
     if budget is None:
         method, count = method or quick, 100 if iterations is None else iterations
     else:
-        best = _best_option(
-            goal, frames, budget, method or quick, slow or method is not None, speed
-        )
+        # Where a budget leaves time for it, the descent is better than the quick method: it gains
+        # more from 5 steps on.
+        least = {method or quick: 1} if slow or method is not None else {quick: 1, "descent": 5}
+        options = [
+            _affordable_option(goal, frames, budget, name, count, speed)
+            for name, count in least.items()
+        ]
+        best = best_within(budget, options)
         method, count = best.method, best.count
     job = RetrievalJob(goal, frames, count, generator, progress.part(0, 0.9), start)
     started = time.process_time()
@@ -199,7 +197,9 @@ def retrieve(
     return RetrievalResult(phases, orders, method, count, quality, spent)
 
 
-def _require(frames: int, budget: float | None, iterations: int | None, method: str | None) -> None:
+def _require_valid(
+    frames: int, budget: float | None, iterations: int | None, method: str | None
+) -> None:
     """Raise ValueError for arguments that are invalid for any target."""
     if not 1 <= frames <= MOST_FRAMES:
         raise ValueError(
@@ -216,20 +216,6 @@ def _require(frames: int, budget: float | None, iterations: int | None, method: 
     select_methods(serving, method, _count_phrase(frames, "frame"))
 
 
-def _best_option(
-    goal: RetrievalGoal, frames: int, budget: float, method: str, alone: bool, speed: MachineSpeed
-) -> IterationOption:
-    """Choose between a method and the descent, and the number of iterations.
-
-    The descent is chosen where it is better. alone: whether the descent is excluded.
-    """
-    settings = [_affordable_option(goal, frames, budget, method, 1, speed)]
-    if not alone:
-        # From 5 steps on, the descent gains more than the quick method would.
-        settings.append(_affordable_option(goal, frames, budget, "descent", 5, speed))
-    return best_within(budget, settings)
-
-
 def _affordable_option(
     goal: RetrievalGoal, frames: int, budget: float, method: str, least: int, speed: MachineSpeed
 ) -> IterationOption:
@@ -237,23 +223,15 @@ def _affordable_option(
 
     The option has at least `least` iterations. `least` also ranks the option's gain.
     """
-    before, way = _startup_seconds(goal, frames, method, speed), METHODS[method]
+    before, way = 0.0, METHODS[method]
+    if method == "descent":
+        # It starts from phases that the quick method retrieves.
+        quick = METHODS[quick_method(frames)]
+        before = quick.seconds(goal, frames, iterations_to_converge(frames), speed)
     count = max(way.iterations(goal, frames, budget - before, speed), least)
     seconds = before + way.seconds(goal, frames, count, speed)
     words = f"{_count_phrase(least, 'iteration')} of {method} with {_count_phrase(frames, 'frame')}"
     return IterationOption(method, count, seconds, least, words)
-
-
-def _startup_seconds(goal: RetrievalGoal, frames: int, method: str, speed: MachineSpeed) -> float:
-    """Predict the seconds before a method's first iteration.
-
-    Only the descent needs any: it starts from phases that the quick method retrieves.
-    """
-    if method != "descent":
-        return 0.0
-    return METHODS[quick_method(frames)].seconds(
-        goal, frames, iterations_to_converge(frames), speed
-    )
 
 
 def _count_phrase(number: int, thing: str) -> str:

@@ -32,11 +32,12 @@ _AT_A_TIME = 1 << 20
 def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
     """Add whole waves to a video's phases, so that every pixel takes the shortest steps.
 
-    phases: (frames, rows, columns), radians, of any order. reach: the panel's range in radians, one
-    wave at least. For each pixel, the sum of the squared steps between the frames of the repeated
-    video is least. The solution is exact, by dynamic programming over the orders of every pixel,
-    once for each order of the first frame. The result is (frames, rows, columns), float32, within 0
-    to `reach`. Raises ValueError for a reach of less than a wave.
+    For each pixel, the sum of the squared steps between the frames of the repeated video is least.
+    The solution is exact, by dynamic programming over the orders of every pixel, once for each
+    order of the first frame. The result is float32, within 0 to `reach`.
+
+    phases: (frames, rows, columns), radians, of any order.
+    reach: the panel's range in radians; ValueError for less than a wave.
     """
     if reach < _TURN * (1 - 1e-9):
         raise ValueError(
@@ -91,35 +92,23 @@ def _cheapest_path(
     return torch.stack(way), total
 
 
-@dataclass(frozen=True)
-class SlowCrystalSettings:
-    """Tune videos for a slow liquid crystal. All values are chosen.
+_SHARE_WITHOUT_MOTION = 0.6
+"""Share of the iterations, at the start, that ignore the motion. They are faster. Chosen."""
 
-    share_without_motion: share of the iterations, at the start, that ignore the motion. They are
-        faster.
-    nodes: number of moments per frame at which the light is computed, during the iterations.
-    quality_nodes: the same for the measurement of the quality.
-    """
-
-    share_without_motion: float = 0.6
-    nodes: int = 3
-    quality_nodes: int = 6
-
-
-_SETTINGS = SlowCrystalSettings()
+_NODES, _QUALITY_NODES = 3, 6
+"""Moments per frame at which the light is computed, in iterations and for the quality. Chosen."""
 
 
 @dataclass(frozen=True)
 class LiquidCrystal:
-    """Timing and phase range of a panel's liquid crystal.
-
-    frame_time: seconds for which a frame is shown. response_time: time constant of the first-order
-    relaxation, seconds. reach: largest phase that the panel shows, radians, one wave at least.
-    """
+    """Timing and phase range of a panel's liquid crystal."""
 
     frame_time: float
+    """Seconds for which a frame is shown."""
     response_time: float
+    """Time constant of the first-order relaxation, seconds."""
     reach: float
+    """Largest phase that the panel shows, radians, one wave at least."""
 
 
 def usable_orders(panel: Panel, wavelength: float) -> int:
@@ -139,22 +128,17 @@ def crystal_of_goal(goal: RetrievalGoal) -> LiquidCrystal:
 
 
 def shortest_panel_phases(goal: RetrievalGoal, phases: torch.Tensor) -> torch.Tensor:
-    """Return a video's phases with the shortest steps that the panel can show.
+    """Return a video's phases, (frames, rows, columns), with the shortest steps the panel can show.
 
-    phases: (frames, rows, columns). The result is float32. The paths of shortest_phase_paths()
-    start at the phase of the panel's first grey level, which isn't zero everywhere.
+    The result is float32. The paths of shortest_phase_paths() start at the phase of the panel's
+    first grey level, which isn't zero everywhere.
     """
-    ground = _first_level(goal)
-    return shortest_phase_paths(phases - ground, crystal_of_goal(goal).reach) + ground
-
-
-def _first_level(goal: RetrievalGoal) -> torch.Tensor:
-    """Return the phase of the panel's first grey level, (rows, columns) float32."""
     panel, wavelength = goal.camera.panel, goal.wavelength
-    phase = grey_to_phase(panel, torch.zeros(panel.shape, dtype=torch.uint8), wavelength)
+    ground = grey_to_phase(panel, torch.zeros(panel.shape, dtype=torch.uint8), wavelength)
     if panel.flatness is not None:
-        phase = phase + flatness_phase(panel, wavelength)
-    return phase.to(torch.float32)
+        ground = ground + flatness_phase(panel, wavelength)
+    ground = ground.to(torch.float32)
+    return shortest_phase_paths(phases - ground, crystal_of_goal(goal).reach) + ground
 
 
 def slow_crystal_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
@@ -164,20 +148,17 @@ def slow_crystal_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
     columns). Their phases must be shown as shortest_panel_phases() gives them, in a repeated video.
     """
     crystal, iterations = crystal_of_goal(job.goal), job.iterations
-    before = max(1, round(_SETTINGS.share_without_motion * iterations))
+    before = max(1, round(_SHARE_WITHOUT_MOTION * iterations))
     first = replace(job, iterations=before, progress=job.progress.part(0, 0.2))
     fields = list(joint_frames(pixels, first))
-    target = pixels.target_intensity
-    wanted = target
+    wanted = target = pixels.target_intensity
     rest = job.progress.part(0.2, 1)
     for iteration in range(before, iterations):
         done = (iteration - before) / (iterations - before)
         rest.report(done, f"moving frames {iteration + 1}/{iterations}")
         phases = torch.angle(pixels.far_field.adjoint(torch.stack(fields)))
         ways = shortest_phase_paths(phases, crystal.reach)
-        mean = moving_crystal_intensity(
-            pixels.far_field, pixels.amplitude, ways, crystal, _SETTINGS.nodes
-        )
+        mean = moving_crystal_intensity(pixels.far_field, pixels.amplitude, ways, crystal, _NODES)
         wanted = correct_request(wanted, target, mean)
         given = [pixels.far_field.round_trip(field, pixels.uneven_amplitude) for field in fields]
         fields = scale_to_mean(given, mean_intensity(given), wanted)
@@ -220,7 +201,7 @@ def displayed_psf(goal: RetrievalGoal, phases: torch.Tensor, orders: int) -> tor
     shown = grey_to_phase(panel, grey, wavelength)
     # The crystal doesn't move for a single frame, or without a response time.
     moving = len(phases) > 1 and panel.response_time > 0
-    nodes = _SETTINGS.quality_nodes if moving else 1
+    nodes = _QUALITY_NODES if moving else 1
     # The panel adds its flatness, which phase_to_grey() has subtracted.
     besides = None if panel.flatness is None else flatness_phase(panel, wavelength)
     total = moving_crystal_intensity(

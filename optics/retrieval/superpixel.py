@@ -21,19 +21,18 @@ Light that a phase-only panel scatters beyond the window must not wrap around in
 
 
 def superpixel_side(goal: RetrievalGoal) -> int:
-    """Return the side in pixels of the largest superpixels that suit a goal's window."""
+    """Return the side in pixels of the largest superpixels that suit a goal's window.
+
+    A superpixel has 16 pixels along its side at most, and the panel's shorter side has 8
+    superpixels at least.
+    """
     length, window = goal.far_field_samples, max(goal.plane.shape)
     shortest = min(goal.camera.panel.shape)
-    # A superpixel has 16 pixels along its side at most, and the panel's shorter side has 8
-    # superpixels at least.
-    sides = [
-        side
-        for side in range(1, 16 + 1)
-        if length % side == 0
-        and length // side >= _ROOM * window
-        and (side == 1 or shortest // side >= 8)
-    ]
-    return max(sides, default=1)
+    for side in range(16, 1, -1):
+        fits = length % side == 0 and length // side >= _ROOM * window
+        if fits and shortest // side >= 8:
+            return side
+    return 1
 
 
 class Superpixels:
@@ -61,7 +60,7 @@ class Superpixels:
 
     @functools.cached_property
     def uneven_amplitude(self) -> torch.Tensor | None:
-        """Return the superpixels' amplitude, or None if it is even."""
+        """The superpixels' amplitude, or None if it is even."""
         amplitude = self.amplitude
         return None if bool((amplitude == amplitude.flatten()[0]).all()) else amplitude
 
@@ -83,25 +82,22 @@ class Superpixels:
         """Return the field of the superpixels for a phase, (…, rows, columns) complex64."""
         return torch.polar(self.amplitude.expand(phase.shape), phase.to(torch.float32))
 
-    def to_pixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """Move the panel origin of the window's field from the first superpixel to the first pixel.
+    def to_superpixel_origin(self, window: torch.Tensor, sign: int = 1) -> torch.Tensor:
+        """Move the panel origin of the window's field from the first pixel to the superpixel.
 
-        The centre of the first superpixel is (side - 1) / 2 pixels from the first pixel.
+        The centre of the first superpixel is (side - 1) / 2 pixels from the first pixel. sign: -1
+        moves the origin back.
         """
-        return window * self._origin_shift_phasor(-1)
-
-    def to_superpixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """Move the panel origin of the window's field from the first pixel to the superpixel."""
-        return window * self._origin_shift_phasor(1)
-
-    def _origin_shift_phasor(self, sign: int) -> torch.Tensor:
-        """Return the phasor on the window that shifts the field's origin on the panel."""
-        turns = []
-        for n in self.goal.plane.shape:
-            index = torch.arange(n, dtype=torch.float64) - n // 2
-            turns.append(sign * math.pi * (self.side - 1) / self.goal.far_field_samples * index)
-        both = turns[0][:, None] + turns[1]
-        return torch.polar(torch.ones_like(both), both).to(torch.complex64)
+        y, x = (
+            sign
+            * math.pi
+            * (self.side - 1)
+            / self.goal.far_field_samples
+            * (torch.arange(n, dtype=torch.float64) - n // 2)
+            for n in self.goal.plane.shape
+        )
+        both = y[:, None] + x
+        return window * torch.polar(torch.ones_like(both), both).to(torch.complex64)
 
     def pixel_phases(self, window: torch.Tensor) -> torch.Tensor:
         """Return the phases of all panel pixels for fields on the window, float32.
@@ -109,7 +105,7 @@ class Superpixels:
         The phases are (…, rows, columns). They are exact, since the panel's field of a window is
         band-limited, and is evaluated at every pixel.
         """
-        fields = self.to_pixel_origin(window).reshape(-1, *self.goal.plane.shape)
+        fields = self.to_superpixel_origin(window, -1).reshape(-1, *self.goal.plane.shape)
         # The frames are transformed one by one, because the padded spectra of many frames would
         # need too much memory.
         phases = torch.stack([torch.angle(self.goal.far_field.adjoint(field)) for field in fields])
@@ -125,24 +121,23 @@ STARTS = ("smooth", "quadratic", "random")
 """Names of the phases that iterations can start from."""
 
 
-def quadratic_start(goal: RetrievalGoal, pixels: Superpixels) -> torch.Tensor:
+def quadratic_start(pixels: Superpixels) -> torch.Tensor:
     """Return a quadratic phase, (rows, columns) of the superpixels, that lights all of the target.
 
     Fewer vortices, and so fewer speckles, develop from it than from a random phase (a spherical
     start: Appl. Phys. Lett. 120, 061103, 2022).
     """
+    goal = pixels.goal
     support = goal.target > 0.5 * goal.target.max()
-    phase = torch.zeros(pixels.shape, dtype=torch.float64)
+    bends = []
     for axis, side in enumerate(goal.camera.panel.shape):
         n = goal.plane.shape[axis]
         index = torch.arange(n) - n // 2
-        lit = support.any(dim=1 - axis)
-        extent = float(index[lit].abs().max())
+        extent = float(index[support.any(dim=1 - axis)].abs().max())
         # At the panel's edge, the slope of the phase steers light to `extent` samples.
         x = pixels.positions(axis)
-        bend = math.pi * extent / (goal.far_field_samples * side / 2) * x**2
-        phase = phase + (bend[:, None] if axis == 0 else bend[None, :])
-    return phase
+        bends.append(math.pi * extent / (goal.far_field_samples * side / 2) * x**2)
+    return bends[0][:, None] + bends[1][None, :]
 
 
 def random_start(pixels: Superpixels, generator: torch.Generator) -> torch.Tensor:
@@ -150,28 +145,21 @@ def random_start(pixels: Superpixels, generator: torch.Generator) -> torch.Tenso
     return torch.rand(pixels.shape, generator=generator, dtype=torch.float64) * 2 * math.pi
 
 
-def smooth_start(
-    goal: RetrievalGoal, pixels: Superpixels, generator: torch.Generator
-) -> torch.Tensor:
+def smooth_start(pixels: Superpixels, generator: torch.Generator) -> torch.Tensor:
     """Return the quadratic phase plus a smooth random one, which differs from call to call.
 
     A start without symmetry leads to less speckle. Frames that start from it have different speckle
     but similar phases, which a slow liquid crystal can follow.
     """
     noise = torch.randn(pixels.shape, generator=generator, dtype=torch.float64)
-    # The correlation length of the random phase is a twelfth of the panel's height, and its rms is
-    # half a radian.
-    smooth = _gaussian_blur(noise, goal.camera.panel.shape[0] / 12 / pixels.side)
-    return quadratic_start(goal, pixels) + 0.5 * smooth / smooth.std(correction=0).clamp(min=1e-12)
-
-
-def _gaussian_blur(noise: torch.Tensor, sigma: float) -> torch.Tensor:
-    """Smooth a random phase by a Gaussian of `sigma` samples; the borders are periodic."""
-    spectrum = torch.fft.rfft2(noise)
+    # The random phase is blurred by a Gaussian over a twelfth of the panel's height, with periodic
+    # borders, and its rms is half a radian.
+    sigma = pixels.goal.camera.panel.shape[0] / 12 / pixels.side
     y = torch.fft.fftfreq(noise.shape[0], dtype=torch.float64)
     x = torch.fft.rfftfreq(noise.shape[1], dtype=torch.float64)
     low = torch.exp(-2 * (math.pi * sigma) ** 2 * (y[:, None] ** 2 + x**2))
-    return torch.fft.irfft2(spectrum * low, s=noise.shape)
+    smooth = torch.fft.irfft2(torch.fft.rfft2(noise) * low, s=noise.shape)
+    return quadratic_start(pixels) + 0.5 * smooth / smooth.std(correction=0).clamp(min=1e-12)
 
 
 def require_start(start: str) -> None:
@@ -180,19 +168,14 @@ def require_start(start: str) -> None:
         raise ValueError(f"start is {start!r}; choose one of {', '.join(STARTS)}")
 
 
-def starting_field(
-    goal: RetrievalGoal, pixels: Superpixels, start: str, generator: torch.Generator
-) -> torch.Tensor:
-    """Return the field on the superpixels from which a frame starts, complex64.
-
-    start: one of STARTS.
-    """
+def starting_field(pixels: Superpixels, start: str, generator: torch.Generator) -> torch.Tensor:
+    """Return the field on the superpixels from which a frame starts, one of STARTS, complex64."""
     require_start(start)
     if start == "random":
         return pixels.panel_field(random_start(pixels, generator))
     if start == "smooth":
-        return pixels.panel_field(smooth_start(goal, pixels, generator))
-    return pixels.panel_field(quadratic_start(goal, pixels))
+        return pixels.panel_field(smooth_start(pixels, generator))
+    return pixels.panel_field(quadratic_start(pixels))
 
 
 @dataclass(frozen=True)
@@ -205,11 +188,6 @@ class RetrievalJob:
     generator: torch.Generator
     progress: Progress
     start: str
-
-    @property
-    def superpixels(self) -> Superpixels:
-        """Return the coarsest superpixels that the goal allows."""
-        return coarsest_superpixels(self.goal)
 
     @property
     def frame_progress(self) -> list[Progress]:

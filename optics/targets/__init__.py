@@ -13,10 +13,10 @@ from optics.targets.dots import (
     dots,
     grid_positions,
     linear_dispersion,
+    ring,
     ring_positions,
 )
 from optics.targets.logo import logo
-from optics.targets.ring import ring
 from optics.targets.strokes import eye, heart, infinity, letters, shrinking_spiral, spiral
 from optics.targets.target import Target
 

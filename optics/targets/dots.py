@@ -1,4 +1,4 @@
-"""Draw dots, compute positions for them, and move one by the wavelength."""
+"""Draw dots and a ring, compute positions for dots, and move one by the wavelength."""
 
 from __future__ import annotations
 
@@ -55,7 +55,9 @@ def dots(
     light = torch.tensor(weights, dtype=torch.float64)
 
     def brightness(plane: Plane) -> torch.Tensor:
-        y, x = (_gaussian_profiles(plane, axis, place[:, axis], width) for axis in (0, 1))
+        # Of each dot the profile along an axis, (samples, dots).
+        away = (plane.coordinates(axis)[:, None] - place[:, axis] for axis in (0, 1))
+        y, x = (torch.exp(-(one**2) / (2 * width**2)) for one in away)
         return (y * light) @ x.T
 
     (low_y, low_x), (high_y, high_x) = place.min(0).values.tolist(), place.max(0).values.tolist()
@@ -66,6 +68,41 @@ def dots(
         f"a dot {format_micrometres(float(place.abs().max()))} from the axis with width "
         f"{format_micrometres(width)}",
         "move it inwards",
+    )
+
+
+@Target
+def ring(radius: float, width: float) -> Drawing:
+    """Draw a ring with a Gaussian profile; a radius of zero gives a spot.
+
+    Parameters
+    ----------
+    radius, width : float
+        Radius of the brightest circle, 0 or more, and standard deviation of the profile, metres.
+
+    Returns
+    -------
+    Drawing
+        The shape, which `Target` puts on a plane.
+
+    Raises
+    ------
+    ValueError
+        If the radius is negative, the width isn't positive, or one of them isn't finite.
+    """
+    if not (0 <= radius < math.inf and 0 < width < math.inf):
+        raise ValueError(f"radius {radius:g} m and width {width:g} m must be positive")
+
+    def brightness(plane: Plane) -> torch.Tensor:
+        y, x = plane.mesh()
+        return torch.exp(-((torch.hypot(y, x) - radius) ** 2) / (2 * width**2))
+
+    return Drawing(
+        (-radius, radius, -radius, radius),
+        width,
+        brightness,
+        f"radius {format_micrometres(radius)} with width {format_micrometres(width)}",
+        "choose a smaller radius",
     )
 
 
@@ -125,16 +162,10 @@ def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
     return [(row, column) for row in y for column in x]
 
 
-def _gaussian_profiles(plane: Plane, axis: int, place: torch.Tensor, width: float) -> torch.Tensor:
-    """Compute the Gaussian profile of each dot along an axis, (samples, dots)."""
-    away = plane.coordinates(axis)[:, None] - place
-    return torch.exp(-(away**2) / (2 * width**2))
-
-
 def dispersed_positions(
     wavelengths: Sequence[float], reference: float, rate: float, direction: float = 0.0
 ) -> list[Position]:
-    """Compute where a prism sends wavelengths: positions in a row on the sensor.
+    """Compute where a prism sends wavelengths: positions in a row on the sensor (thesis Fig. 4.2).
 
     Parameters
     ----------
@@ -156,10 +187,6 @@ def dispersed_positions(
     ------
     ValueError
         If there is no wavelength, one isn't positive, or the rate or the direction isn't finite.
-
-    References
-    ----------
-    Thesis Figs. 4.2 and 4.11.
     """
     if not wavelengths:
         raise ValueError("wavelengths is empty; give one at least")
@@ -181,16 +208,15 @@ def linear_dispersion(
 ) -> Drawings:
     """Draw what a prism makes of a point: one dot per wavelength, each in a picture of its own.
 
-    The result is (wavelengths, rows, columns), and each picture has a sum of 1.
+    The result is (wavelengths, rows, columns).
 
     Parameters
     ----------
     wavelengths : sequence of float
         Metres, one or more.
-    reference : float
-        Wavelength in metres that stays on the axis.
-    rate : float
-        Metres on the sensor per metre of wavelength.
+    reference, rate : float
+        Wavelength in metres that stays on the axis, and metres on the sensor per metre of
+        wavelength; see `dispersed_positions`.
     width : float
         Standard deviation of a dot, metres.
     direction : float, default 0.0

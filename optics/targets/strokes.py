@@ -41,8 +41,9 @@ def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> 
     # With points a quarter of a width apart, the error where strokes cross is below a hundredth.
     points, before, after = _join_strokes(strokes, 0.25 * width)
     y, x = (plane.coordinates(axis).numpy() for axis in (0, 1))
+    low, high = points.min(0) - _FAR * width, points.max(0) + _FAR * width
     rows, columns = (
-        _samples_near(axis, points[:, i], _FAR * width) for i, axis in enumerate((y, x))
+        slice(*np.searchsorted(axis, (low[i], high[i])).tolist()) for i, axis in enumerate((y, x))
     )
     places = np.stack(np.meshgrid(y[rows], x[columns], indexing="ij"), axis=-1).reshape(-1, 2)
     # Samples far from all strokes stay dark, and aren't searched.
@@ -58,12 +59,6 @@ def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> 
     picture = np.zeros(plane.shape)
     picture[rows, columns] = light.reshape(rows.stop - rows.start, columns.stop - columns.start)
     return torch.from_numpy(picture)
-
-
-def _samples_near(axis: Points, points: Points, far: float) -> slice:
-    """Return the range of an axis' samples that are near any stroke."""
-    low, high = points.min() - far, points.max() + far
-    return slice(int(np.searchsorted(axis, low)), int(np.searchsorted(axis, high)))
 
 
 def _join_strokes(
@@ -122,10 +117,9 @@ def spiral(radius: float, width: float, turns: float = 3.0, hole: float = 0.36) 
 
     Parameters
     ----------
-    radius : float
-        Largest distance from the axis, metres.
-    width : float
-        Standard deviation of the Gaussian across a stroke, metres.
+    radius, width : float
+        Largest distance from the axis, and standard deviation of the Gaussian across a
+        stroke, metres.
     turns : float, default 3.0
         Number of turns, from the axis outwards.
     hole : float, default 0.36
@@ -155,10 +149,9 @@ def heart(radius: float, width: float) -> Drawing:
 
     Parameters
     ----------
-    radius : float
-        Largest distance from the axis, metres.
-    width : float
-        Standard deviation of the Gaussian across a stroke, metres.
+    radius, width : float
+        Largest distance from the axis, and standard deviation of the Gaussian across a
+        stroke, metres.
 
     Returns
     -------
@@ -179,10 +172,8 @@ def infinity(radius: float, width: float) -> Drawing:
 
     Parameters
     ----------
-    radius : float
-        Half its length, metres.
-    width : float
-        Standard deviation of the Gaussian across a stroke, metres.
+    radius, width : float
+        Half its length, and standard deviation of the Gaussian across a stroke, metres.
 
     Returns
     -------
@@ -201,10 +192,9 @@ def eye(radius: float, width: float) -> Drawing:
 
     Parameters
     ----------
-    radius : float
-        Distance of the lids' corners from the axis, metres.
-    width : float
-        Standard deviation of the Gaussian across a stroke, metres.
+    radius, width : float
+        Distance of the lids' corners from the axis, and standard deviation of the Gaussian across a
+        stroke, metres.
 
     Returns
     -------
@@ -332,16 +322,14 @@ def _sign(sign: str) -> list[Points]:
         return [[HEIGHT, 4.0] - stroke for stroke in _sign("6")]
     if sign not in _LETTERS:
         raise ValueError(f"text has {sign!r}; there are {AVAILABLE_SIGNS} and blanks")
-    return [_stroke_points(pens) for pens in _LETTERS[sign]]
-
-
-def _stroke_points(pens: list[_Pen]) -> Points:
-    """Return the points (y, x) along one stroke of a letter, (n, 2)."""
-    parts = [_arc(*pen) if len(pen) == 6 else np.array([[pen[1], pen[0]]]) for pen in pens]
-    path = np.concatenate(parts)
-    if np.allclose(path[0], path[-1]):
-        path[-1] = path[0]
-    return path
+    strokes = []
+    for pens in _LETTERS[sign]:
+        parts = [_arc(*pen) if len(pen) == 6 else np.array([[pen[1], pen[0]]]) for pen in pens]
+        path = np.concatenate(parts)
+        if np.allclose(path[0], path[-1]):
+            path[-1] = path[0]
+        strokes.append(path)
+    return strokes
 
 
 def _arc(x: float, y: float, width: float, height: float, first: float, last: float) -> Points:
@@ -358,10 +346,8 @@ def letters(text: str, height: float, width: float) -> Drawing:
     ----------
     text : str
         Signs of the font; small letters become capitals.
-    height : float
-        Height of a capital, metres.
-    width : float
-        Standard deviation of the Gaussian across a stroke, metres.
+    height, width : float
+        Height of a capital, and standard deviation of the Gaussian across a stroke, metres.
 
     Returns
     -------
@@ -396,24 +382,18 @@ def shrinking_spiral(
     turns: float = 3.0,
     hole: float = 0.36,
 ) -> Drawings:
-    """Draw a spiral that shrinks linearly with time, (moments, rows, columns).
-
-    Each picture has a sum of 1.
+    """Draw a spiral that shrinks linearly with time, (moments, rows, columns) (thesis Fig. 3.4).
 
     Parameters
     ----------
-    radius : float
-        Radius at the first moment, metres.
-    width : float
-        Standard deviation of the Gaussian across a stroke, metres.
+    radius, width : float
+        Radius at the first moment, and standard deviation of the Gaussian across a stroke, metres.
     moments : int
         Number of pictures, 2 or more.
     smallest : float, default 0.4
         Share of the radius that is left at the last moment, above 0 and up to 1.
-    turns : float, default 3.0
-        Number of turns of every spiral.
-    hole : float, default 0.36
-        Share of each spiral's radius around the axis that is left out.
+    turns, hole : float, default 3.0 and 0.36
+        As for `spiral`, at every moment.
 
     Returns
     -------
@@ -424,10 +404,6 @@ def shrinking_spiral(
     ------
     ValueError
         If there are fewer than 2 moments, or a size is outside its range.
-
-    References
-    ----------
-    Thesis Fig. 3.4.
     """
     if moments < 2:
         raise ValueError(f"moments is {moments}; what changes with time has two at least")

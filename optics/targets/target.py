@@ -50,30 +50,26 @@ class Drawing:
         return max(map(abs, self.bounding_box)) + 3.0 * self.width
 
     def render(self, plane: Plane) -> torch.Tensor:
-        self._require_samples(plane)
-        self._require_room(plane)
+        self._require_fit(plane)
         intensity = self.brightness(plane)
         return intensity / intensity.sum()
 
-    def _require_samples(self, plane: Plane) -> None:
+    def _require_fit(self, plane: Plane) -> None:
+        """Raise ValueError for a shape between the samples of a plane, or beyond its window."""
         coarsest = max(plane.pitch)
         if 0 < self.width < 0.5 * coarsest:
             raise ValueError(
                 f"width {format_micrometres(self.width)} falls between samples of "
                 f"{format_micrometres(coarsest)}; choose at least half a sample"
             )
-
-    def _require_room(self, plane: Plane) -> None:
         # At two widths from a stroke an eighth of its peak is left; no less must fit.
         margin = 2.0 * self.width
         for axis in (0, 1):
             place = plane.coordinates(axis)
-            low, high = (
-                self.bounding_box[2 * axis] - margin,
-                self.bounding_box[2 * axis + 1] + margin,
-            )
-            room = max(0.0, min(-float(place[0]), float(place[-1])))
-            if low < float(place[0]) or high > float(place[-1]):
+            low, high = self.bounding_box[2 * axis : 2 * axis + 2]
+            first, last = float(place[0]), float(place[-1])
+            if low - margin < first or high + margin > last:
+                room = max(0.0, min(-first, last))
                 raise ValueError(
                     f"{self.sizes} doesn't fit in the window, which reaches "
                     f"{format_micrometres(room)}; {self.remedy}"

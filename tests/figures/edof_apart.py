@@ -19,8 +19,7 @@ from optics.edof.panel_transfer import QuarterTransfer
 from optics.edof.pattern_search import design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
 from optics.edof.protocol import STRICT
-from optics.edof.protocol_psfs import compute_depth_psfs
-from optics.edof.pupil_pattern import PupilPattern
+from optics.edof.protocol_psfs import PupilPattern, compute_depth_psfs
 from optics.edof.transfer_design import TransferDesign
 from optics.psf.chain_collapsed import collapse_to_thin_camera
 from optics.quarter_symmetry import crop_quarter

@@ -29,8 +29,13 @@ from optics.camera import Camera
 from optics.edof.evaluation import prepare_scenes
 from optics.edof.learned import learned_decoder
 from optics.edof.protocol import STRICT, EdofProtocol
-from optics.edof.protocol_psfs import CameraPSFs, DepthPSFs, compute_depth_psfs, measured_depth_psfs
-from optics.edof.pupil_pattern import PupilPattern
+from optics.edof.protocol_psfs import (
+    CameraPSFs,
+    DepthPSFs,
+    PupilPattern,
+    compute_depth_psfs,
+    measured_depth_psfs,
+)
 from optics.slm import grey_to_phase, phase_to_grey
 from optics.threads import single_threaded
 from simulator.scene import Scene, Star

@@ -18,9 +18,8 @@ from optics.edof.evaluation import add_noise, evaluate_patterns
 from optics.edof.layered_capture import composite_layers, flatten_layers
 from optics.edof.learned import learned_decoder
 from optics.edof.protocol import HIGH_NOISE, STRICT, EdofProtocol, prepare_scene
-from optics.edof.protocol_psfs import compute_depth_psfs
-from optics.edof.pupil_pattern import PupilPattern
-from optics.edof.score_table import EvaluationTable, ScoreRow
+from optics.edof.protocol_psfs import PupilPattern, compute_depth_psfs
+from optics.edof.scoring import EvaluationTable, ScoreRow
 from optics.metrics import psnr
 from optics.threads import single_threaded
 

@@ -26,7 +26,7 @@ from optics.edof.picture_spectrum import (
     FrequencyGrid,
     SpectrumModel,
     fit_spectrum_model,
-    mean_spectrum,
+    measure_picture_spectrum,
 )
 from optics.edof.transfer_design import TransferDesign
 from optics.patterns import cubic_phase_mask, even_vergences, multi_focus_rings
@@ -71,7 +71,7 @@ def spectrum_figure() -> Figure:
     )
     if not _PHOTOGRAPHS.is_dir():
         return Figure(name, goal, "not measured: the photographs aren't beside the checkout", None)
-    spectrum = mean_spectrum(luminances(), SIZE)
+    spectrum = measure_picture_spectrum(luminances(), SIZE)
     grid = FrequencyGrid(SIZE)
     limit = rms_transfer_limit(CAMERA, WAVELENGTH, grid, folded=False)
     modelled = NATURAL_SPECTRUM.on_grid(grid)
@@ -92,7 +92,7 @@ def spectrum_figure() -> Figure:
 
 def fit_natural_spectrum() -> SpectrumModel:
     """Fit the packaged spectrum anew; print its coefficients to update `NATURAL_SPECTRUM`."""
-    return fit_spectrum_model(mean_spectrum(luminances(), SIZE), NATURAL_SPECTRUM.source)
+    return fit_spectrum_model(measure_picture_spectrum(luminances(), SIZE), NATURAL_SPECTRUM.source)
 
 
 def luminances() -> Iterator[torch.Tensor]:

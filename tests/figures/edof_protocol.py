@@ -14,16 +14,14 @@ import torch
 
 from figures import Figure
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.edof.decoders import BlindDecoder, blind_wiener
+from optics.edof.decoders import BlindDecoder, blind_wiener, measure_training_spectrum
 from optics.edof.evaluation import evaluate_patterns
 from optics.edof.panel_transfer import QuarterTransfer
 from optics.edof.pattern_search import design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
 from optics.edof.protocol import AUTHORS, HIGH_NOISE, STRICT, EdofProtocol
-from optics.edof.pupil_pattern import PupilPattern
-from optics.edof.score_table import EvaluationTable, ScoreRow
-from optics.edof.scoring import CaptureScores, compare_scores
-from optics.edof.training_spectrum import measure_training_spectrum
+from optics.edof.protocol_psfs import PupilPattern
+from optics.edof.scoring import CaptureScores, EvaluationTable, ScoreRow, compare_scores
 from optics.edof.transfer_design import TransferDesign
 from optics.patterns import (
     cubic_phase_mask,

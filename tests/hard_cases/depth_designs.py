@@ -35,8 +35,8 @@ from optics.edof import (
     random_dioptres,
     rate_pattern,
 )
+from optics.edof.parametrisation import RadialPhase
 from optics.edof.pattern_search import MOST_FAILURES
-from optics.edof.phase_parametrisation import RadialPhase
 from optics.edof.spectral_criterion import (
     blind_error,
 )

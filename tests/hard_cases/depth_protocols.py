@@ -36,9 +36,8 @@ from optics.edof.decoders import extend_antisymmetrically
 from optics.edof.dioptres import find_undrawn, stratified_dioptres
 from optics.edof.evaluation import SceneBlur, add_noise
 from optics.edof.protocol import NoiseRange, prepare_scene
-from optics.edof.protocol_psfs import compute_depth_psfs, measured_depth_psfs
-from optics.edof.pupil_pattern import round_stop
-from optics.edof.score_table import check_sampler
+from optics.edof.protocol_psfs import compute_depth_psfs, measured_depth_psfs, round_stop
+from optics.edof.scoring import check_sampler
 
 SIDE = 16
 SMALL = EdofProtocol("small", psf_window=21, pixel_response="area", crop=SIDE, centre=8)

@@ -31,8 +31,7 @@ from optics.edof.dioptres import midpoint_dioptres
 from optics.edof.learned import DecoderSettings
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM, FrequencyGrid
 from optics.edof.protocol import EdofProtocol
-from optics.edof.protocol_psfs import DepthPSFs, compute_depth_psfs
-from optics.edof.pupil_pattern import PupilPattern
+from optics.edof.protocol_psfs import DepthPSFs, PupilPattern, compute_depth_psfs
 
 pytestmark = pytest.mark.usefixtures("white_sheets")
 

@@ -23,7 +23,7 @@ from labapp.studies.edof_psfs import ComparedPSF, fit_shift, likeness_over_depth
 from labapp.studies.edof_rows import NOTES, result_rows
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.edof.dioptres import PUBLISHED_DISTANCES
-from optics.edof.pupil_pattern import PupilPattern
+from optics.edof.protocol_psfs import PupilPattern
 from optics.slm import PanelMap
 
 SCENE = tomllib.loads(bundled_path("studies/edof.toml").read_text())["targets"]

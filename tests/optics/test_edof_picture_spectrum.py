@@ -111,27 +111,7 @@ def test_natural_spectrum_falls_steeply_and_has_the_variance_of_photographs():
     assert -2.7 < slope < -1.7
 
 
-@pytest.mark.parametrize("binning", [1, 2, 4])
-def test_binned_spectrum_is_that_of_averaged_pictures(binning):
-    model = SpectrumModel(((-5.0, -1.5),))
-    grid, binned = FrequencyGrid(128), FrequencyGrid(128 // binning)
-    pictures = _random_pictures(model.on_grid(grid), grid, 24, seed=4)
-    count = 128 // binning
-    averaged = pictures.reshape(-1, count, binning, count, binning).mean(axis=(2, 4))
-    measured = torch.from_numpy(measure_picture_spectrum(averaged, count))
-    expected = model.binned_on_grid(binned, binning)
-    fy, fx = binned.frequencies()
-    for low in (0.05, 0.1, 0.25):
-        ring = (torch.hypot(fy, fx) >= low) & (torch.hypot(fy, fx) < 2 * low)
-        assert float(measured[ring].mean() / expected[ring].mean()) == pytest.approx(1, abs=0.06)
-
-
 def test_model_needs_rows_of_one_length():
     for rows in ((), ((),), ((1.0,), (1.0, 2.0)), ((1.0,),) * 6):
         with pytest.raises(ValueError, match="coefficients"):
             SpectrumModel(rows)
-
-
-def test_binning_must_be_a_count():
-    with pytest.raises(ValueError, match="binning"):
-        NATURAL_SPECTRUM.binned_on_grid(FrequencyGrid(8), 0)

@@ -12,7 +12,11 @@ from scipy.signal import convolve2d
 from scipy.special import j0, j1
 
 from optics.camera import Camera, Lens, Panel
-from optics.edof.decoders import decoding_period, extend_antisymmetrically
+from optics.edof.decoders import (
+    decoding_period,
+    extend_antisymmetrically,
+    measure_training_spectrum,
+)
 from optics.edof.evaluation import SceneBlur, add_noise
 from optics.edof.protocol import (
     AUTHORS,
@@ -27,13 +31,14 @@ from optics.edof.protocol import (
 )
 from optics.edof.protocol_psfs import (
     CameraPSFs,
+    PupilPattern,
     bin_psf,
+    collected_share,
     compute_depth_psfs,
     compute_transfer,
     measured_depth_psfs,
+    round_stop,
 )
-from optics.edof.pupil_pattern import PupilPattern, collected_share, round_stop
-from optics.edof.training_spectrum import measure_training_spectrum
 from optics.metrics import relative_error
 from optics.plane import Plane
 from optics.psf import PSFOperator

@@ -58,16 +58,6 @@ def test_blind_filter_keeps_the_mean():
     assert abs(complex(kept) - 1) < 1e-12
 
 
-def test_weights_are_those_of_repeated_depths():
-    transfer = _transfers(2)
-    weighted = torch.tensor([3.0, 1.0])
-    repeated = transfer[[0, 0, 0, 1]]
-    for error in (blind_error, known_depth_error):
-        assert float(error(transfer, SPECTRUM, SHARES, 0.1, weighted)) == pytest.approx(
-            float(error(repeated, SPECTRUM, SHARES, 0.1))
-        )
-
-
 def test_errors_are_those_of_simulated_captures():
     grid, noise = FrequencyGrid(32), 0.05
     fy, fx = grid.frequencies()
@@ -133,9 +123,6 @@ def test_levels_are_in_dB():
     [
         ({"noise": -0.1}, "noise"),
         ({"noise": math.nan}, "noise"),
-        ({"weights": torch.ones(2)}, "weights"),
-        ({"weights": torch.tensor([1.0, -1.0, 1.0])}, "weights"),
-        ({"weights": torch.zeros(3)}, "weights"),
         ({"spectrum": torch.ones(3, 3)}, "spectrum"),
         ({"shares": torch.ones(4, 3)}, "shares"),
         ({"transfer": torch.ones(3, 4)}, "transfer"),

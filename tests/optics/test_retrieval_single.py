@@ -48,7 +48,7 @@ def pixels_for(target: np.ndarray, shape=(55, 97)) -> Superpixels:
 
 def solved(pixels: Superpixels, constrain, iterations: int) -> np.ndarray:
     """The PSF, share of all light a sample."""
-    start = pixels.panel_field(quadratic_start(pixels.goal, pixels))
+    start = pixels.panel_field(quadratic_start(pixels))
     asked = iterate_constraint(pixels, start, constrain, iterations, Progress(), "")
     return light(
         pixels.pixel_phases(asked).numpy()[None],

@@ -18,8 +18,8 @@ from judges.retrieval import (
 
 from optics.progress import Progress
 from optics.retrieval import design_plane, retrieve
+from optics.retrieval.gerchberg_saxton import find_spots, weighted_spots_field
 from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.spots import find_spots, weighted_spots_field
 from optics.retrieval.superpixel import Superpixels
 
 SHAPE, WINDOW, LENGTH = (55, 97), (81, 90), 200

@@ -149,7 +149,7 @@ def test_patterns_of_superpixels_are_as_good_as_those_of_pixels(shape):
     found = {}
     for side in (1, superpixel_side(goal)):
         pixels = Superpixels(goal, side)
-        start = pixels.panel_field(quadratic_start(goal, pixels))
+        start = pixels.panel_field(quadratic_start(pixels))
         asked = iterate_constraint(
             pixels, start, over_compensated_constraint(pixels.target_intensity), 40, Progress(), ""
         )

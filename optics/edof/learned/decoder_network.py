@@ -18,7 +18,7 @@ from optics.edof.decoders import (
     restore_by_filter,
 )
 from optics.edof.learned.u_net import NetworkShape, UNet, apply_in_tiles, tile_side
-from optics.edof.protocol import LightScale
+from optics.edof.protocol import LINEAR_BELOW, LightScale, encode_unclipped
 from optics.edof.spectral_criterion import blind_filter, noise_variance
 from optics.fourier import irfft2
 from optics.plane import centred_crop, centred_pad, origin_to_centre
@@ -33,9 +33,6 @@ _NOISE_SCALE = 20.0
 _DARKEST, _BRIGHTEST = -0.25, 1.5
 """Least and largest light that the network is given, where white is 1. What a filter makes beyond
 them is ringing, whose size tells nothing more. Chosen."""
-
-_LINEAR_BELOW = 0.0031308
-"""Light below which the sRGB encoding is linear (IEC 61966-2-1)."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +124,7 @@ class DecoderNetwork(nn.Module):
         filtered: torch.Tensor | None = None,
         psfs: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Restore captures, in the scale in which they're compared.
+        """Restore captures, in the scale in which they're compared: linear light is sRGB-encoded.
 
         Parameters
         ----------
@@ -135,15 +132,14 @@ class DecoderNetwork(nn.Module):
             Captures, where white is 1. The sides are multiples of ``settings.shape.multiple``.
         noise : torch.Tensor, (pictures,)
             Standard deviation of each capture's noise.
-        filtered : torch.Tensor, of the shape of `captures`, optional
-            What the front made of the captures; with a front only.
-        psfs : torch.Tensor, of the shape of `captures`, optional
-            The PSFs, centred, with peaks of 1; with a PSF channel only.
+        filtered, psfs : torch.Tensor, of the shape of `captures`, optional
+            What the front made of the captures, with a front only; and the PSFs, centred, with
+            peaks of 1, with a PSF channel only.
 
         Returns
         -------
         torch.Tensor, of the shape of `captures`
-            The pictures; sRGB-encoded if the captures are linear light.
+            The pictures.
 
         Raises
         ------
@@ -153,10 +149,12 @@ class DecoderNetwork(nn.Module):
         """
         self._require_given(captures, filtered, psfs)
         channels = [captures] if filtered is None else [captures, filtered]
-        channels = [self._encode(one) for one in channels]
+        if self.settings.light == "linear":
+            channels = [encode_screen(one) for one in channels]
         base = channels[-1]
-        level = (_NOISE_SCALE * noise)[:, None, None, None].expand_as(captures)
-        channels = [*channels, level] if psfs is None else [*channels, level, psfs]
+        channels.append((_NOISE_SCALE * noise)[:, None, None, None].expand_as(captures))
+        if psfs is not None:
+            channels.append(psfs)
         return base + self.refining(torch.cat(channels, 1))
 
     @torch.no_grad()
@@ -170,26 +168,12 @@ class DecoderNetwork(nn.Module):
     ) -> torch.Tensor:
         """Restore one capture of any size, in tiles without seams.
 
-        Parameters
-        ----------
-        capture, filtered, psf : torch.Tensor, (rows, columns)
-            As for calling the network, without their first two axes.
-        noise : float
-            Standard deviation of the noise.
-        tile : int, optional
-            Pixels along a side of the part of the result that one tile gives; by default as many
+        The arguments are as for calling the network, without their first two axes, and so are the
+        errors; besides, the capture and the noise must be finite. The result is in the light of the
+        capture.
+
+        tile: pixels along a side of the part of the result that one tile gives; by default as many
             as take about 750 MB.
-
-        Returns
-        -------
-        torch.Tensor, (rows, columns)
-            The picture in the light of the capture.
-
-        Raises
-        ------
-        ValueError
-            As for calling the network, and if the capture isn't finite, or the noise is negative or
-            isn't finite.
         """
         require_finite("capture", capture)
         noise_variance(noise)
@@ -227,12 +211,6 @@ class DecoderNetwork(nn.Module):
                 f"sides that are multiples of {multiple}"
             )
 
-    def _encode(self, light: torch.Tensor) -> torch.Tensor:
-        """Encode light as sRGB, if the settings say so."""
-        if self.settings.light == "srgb":
-            return light
-        return encode_screen(light)
-
 
 def encode_screen(light: torch.Tensor) -> torch.Tensor:
     """Encode linear light as sRGB where a filter may leave it below 0 or above 1.
@@ -240,15 +218,13 @@ def encode_screen(light: torch.Tensor) -> torch.Tensor:
     The encoding goes on below 0 along its straight start, and above 1 by the same power; light
     beyond -0.25 and 1.5 is set to these.
     """
-    light = light.clamp(_DARKEST, _BRIGHTEST)
-    curved = 1.055 * light.clamp(min=_LINEAR_BELOW) ** (1 / 2.4) - 0.055
-    return torch.where(light > _LINEAR_BELOW, curved, 12.92 * light)
+    return encode_unclipped(light.clamp(_DARKEST, _BRIGHTEST))
 
 
 def decode_screen(values: torch.Tensor) -> torch.Tensor:
     """Convert sRGB values to linear light; the inverse of `encode_screen`."""
-    curved = ((values.clamp(min=12.92 * _LINEAR_BELOW) + 0.055) / 1.055) ** 2.4
-    return torch.where(values > 12.92 * _LINEAR_BELOW, curved, values / 12.92)
+    curved = ((values.clamp(min=12.92 * LINEAR_BELOW) + 0.055) / 1.055) ** 2.4
+    return torch.where(values > 12.92 * LINEAR_BELOW, curved, values / 12.92)
 
 
 def learned_decoder(network: DecoderNetwork, spectrum: Spectrum, name: str = "learned") -> Decoder:
@@ -269,40 +245,28 @@ def learned_decoder(network: DecoderNetwork, spectrum: Spectrum, name: str = "le
     BlindDecoder or KnownDepthDecoder
         The first if nothing but the capture tells the network of its depth.
     """
-    on_grid = functools.cache(spectrum)
+    on_grid, settings = functools.cache(spectrum), network.settings
 
     def build(transfer: torch.Tensor, noise: float) -> Restore:
-        return _build_restore(network, transfer, on_grid, noise)
+        side = int(transfer.shape[-2])
+        filtering: Restore | None = None
+        if settings.front != "none":
+            filtering = restore_by_filter(blind_filter(transfer, on_grid(side), noise), noise)
+        psf: torch.Tensor | None = None
+        if settings.psf_channel:
+            psf = origin_to_centre(irfft2(transfer[0], (side, side))).to(torch.float32)
 
-    if network.settings.is_blind:
+        def restore(capture: torch.Tensor) -> torch.Tensor:
+            filtered = None if filtering is None else filtering(capture)
+            shape = (int(capture.shape[0]), int(capture.shape[1]))
+            channel = None if psf is None else fit_psf(psf, shape)
+            return network.restore(capture, noise, filtered, channel)
+
+        return restore
+
+    if settings.is_blind:
         return BlindDecoder(name, build)
     return KnownDepthDecoder(name, lambda transfer, noise: build(transfer[None], noise))
-
-
-def _build_restore(
-    network: DecoderNetwork, transfer: torch.Tensor, spectrum: Spectrum, noise: float
-) -> Restore:
-    """Build the function that restores captures, from transfer functions at some depths."""
-    settings = network.settings
-    filtering: Restore | None = None
-    if settings.front != "none":
-        response = blind_filter(transfer, spectrum(transfer.shape[-2]), noise)
-        filtering = restore_by_filter(response, noise)
-    psf = _centred_psf(transfer[0]) if settings.psf_channel else None
-
-    def restore(capture: torch.Tensor) -> torch.Tensor:
-        filtered = None if filtering is None else filtering(capture)
-        shape = (int(capture.shape[0]), int(capture.shape[1]))
-        channel = None if psf is None else fit_psf(psf, shape)
-        return network.restore(capture, noise, filtered, channel)
-
-    return restore
-
-
-def _centred_psf(transfer: torch.Tensor) -> torch.Tensor:
-    """Return the PSF of a transfer function on its period, centred."""
-    side = int(transfer.shape[-2])
-    return origin_to_centre(irfft2(transfer, (side, side))).to(torch.float32)
 
 
 def fit_psf(psf: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -38,22 +38,25 @@ def apply_in_tiles(
 
     Each tile is computed with a margin as wide as the neighbourhood, and begins at a multiple of
     the coarsest level's pixels. Its middle therefore is what the function gives for the whole
-    picture, apart from the order in which numbers are added. The result is (1, 1, rows, columns).
+    picture, apart from the order in which numbers are added.
 
     function: takes (1, channels, rows, columns), both sides multiples of `multiple`, and gives (1,
         1, rows, columns).
-    pictures: (1, channels, rows, columns), of any size.
-    multiple: pixels of which the sides must be multiples.
+    pictures: (1, channels, rows, columns), of any size; extended by their last pixels.
     reach: pixels from a pixel of the result to the farthest one that decides it.
     tile: pixels along a side of the part of the result that one tile gives.
     """
     rows, columns = pictures.shape[-2:]
-    whole = _extend(pictures, multiple)
+    whole = functional.pad(
+        pictures, (0, -columns % multiple, 0, -rows % multiple), mode="replicate"
+    )
     margin = -(-reach // multiple) * multiple
     side = max(tile // multiple, 1) * multiple
     found = pictures.new_empty(1, 1, *whole.shape[-2:])
-    for top, bottom in _parts(whole.shape[-2], side):
-        for left, right in _parts(whole.shape[-1], side):
+    # Slices end where the picture does.
+    for top in range(0, whole.shape[-2], side):
+        for left in range(0, whole.shape[-1], side):
+            bottom, right = top + side, left + side
             upper, before = max(top - margin, 0), max(left - margin, 0)
             cut = whole[..., upper : bottom + margin, before : right + margin]
             middle = function(cut)[
@@ -63,33 +66,15 @@ def apply_in_tiles(
     return found[..., :rows, :columns]
 
 
-def _extend(pictures: torch.Tensor, multiple: int) -> torch.Tensor:
-    """Extend pictures to the right and below by their last pixels, to multiples of a length."""
-    more = [-n % multiple for n in pictures.shape[-2:]]
-    if not any(more):
-        return pictures
-    return functional.pad(pictures, (0, more[1], 0, more[0]), mode="replicate")
-
-
-def _parts(length: int, side: int) -> Iterator[tuple[int, int]]:
-    """Yield the first pixel of each tile of a length, and the one after its last.
-
-    side: most pixels of a tile.
-    """
-    for start in range(0, length, side):
-        yield start, min(start + side, length)
-
-
 @dataclass(frozen=True)
 class NetworkShape:
     """The size of a U-Net.
 
     Parameters
     ----------
-    channels : int, optional
-        Channels at the finest level; each coarser level has twice as many.
-    levels : int, optional
-        Levels of resolution: 3 or 4 in the thesis.
+    channels, levels : int, optional
+        Channels at the finest level, of which each coarser one has twice as many; and levels of
+        resolution, 3 or 4 in the thesis.
     fold : int, optional
         Pixels of a side that the finest level folds into channels, so that it works at a `fold`-th
         of the resolution. 1 works on the pixels themselves.
@@ -137,21 +122,20 @@ class NetworkShape:
     @property
     def reach(self) -> int:
         """Most pixels, along an axis, from a pixel of the result to what decides it."""
-        finest = self.fold
-        reach = 2 * finest + finest
+        reach = 3 * self.fold
         for level in range(self.levels):
-            size = finest * 2**level
+            size = self.fold * 2**level
             if level < self.levels - 1:
                 reach += 2 * self.convolutions * size
                 # Joining two levels reaches to the border of a coarser pixel and, with kernels that
                 # overlap, into the next one.
                 reach += 2 * (2 * size if self.overlapping else size)
             else:
-                reach += sum(self._bottom_dilations) * size
+                reach += sum(self.bottom_dilations) * size
         return reach
 
     @property
-    def _bottom_dilations(self) -> tuple[int, ...]:
+    def bottom_dilations(self) -> tuple[int, ...]:
         """Dilation of each convolution of the coarsest block."""
         return self.dilations or (1,) * self.convolutions
 
@@ -195,7 +179,7 @@ class UNet(nn.Module):
             nn.Conv2d(fine, coarse, down[0], 2, padding=down[1])
             for fine, coarse in itertools.pairwise(widths)
         )
-        self.bottom = _ResidualBlock(widths[-1], shape.dilations or plain)
+        self.bottom = _ResidualBlock(widths[-1], shape.bottom_dilations)
         self.up = nn.ModuleList(
             nn.ConvTranspose2d(coarse, fine, up[0], 2, padding=up[1])
             for fine, coarse in itertools.pairwise(widths)

@@ -35,25 +35,19 @@ class WienerFront:
 
     @classmethod
     def of_transfers(cls, transfer: torch.Tensor, spectrum: torch.Tensor) -> WienerFront:
-        """Return one filter for all depths of some transfer functions.
-
-        transfer: (depths, n, n // 2 + 1), complex.
-        """
+        """Return one filter for all depths of transfer functions, (depths, n, n // 2 + 1)."""
         mean, power = mean_transfer(transfer)
         return cls(mean.to(torch.complex64), power.to(torch.float32), spectrum)
 
     @classmethod
     def of_known_depths(cls, transfer: torch.Tensor, spectrum: torch.Tensor) -> WienerFront:
-        """Return a filter of its own for each capture's known depth.
-
-        transfer: that of each capture, (captures, n, n // 2 + 1), complex.
-        """
+        """Return a filter for each capture's transfer function, (captures, n, n // 2 + 1)."""
         return cls(transfer, transfer.real.square() + transfer.imag.square(), spectrum)
 
     def response(self, noise: torch.Tensor) -> torch.Tensor:
         """Return the filters (captures, n, n // 2 + 1) for captures of some noise levels.
 
-        noise: (captures,), standard deviations, relative to white. The mean of a picture is kept.
+        The noise levels, (captures,), are relative to white. The mean of a picture is kept.
         """
         variance = noise.to(self.power).clamp(min=LEAST_NOISE).square()[:, None, None]
         filters = self.spectrum * self.mean.conj() / (self.spectrum * self.power + variance)
@@ -142,7 +136,7 @@ class CaptureFilter:
         return found
 
     def _parts(self, length: int) -> list[tuple[torch.Tensor, slice, slice]]:
-        """Return the parts of an axis of a large picture: all that fits one transform is one part.
+        """Return the parts of an axis of a picture, one if all of it fits one transform.
 
         Of each part: the pixels that are transformed, those of the picture that it gives, and where
         they lie in it.
@@ -164,12 +158,8 @@ class DepthStatistics:
 
     The unmodulated light adds to the modulated as if incoherent (thesis section 5.6): with a share
     u, a transfer function is (1 - u) H + u H0, where H0 is that of a flat pattern. Its mean and its
-    mean squared modulus over depths follow from those of H and H0, and from the mean of H H0*.
-
-    mean, power: mean over depths of H, complex, and of its squared modulus, (n, n // 2 + 1).
-    flat_mean, flat_power: the same of H0.
-    product: mean of the real part of H times H0's conjugate, (n, n // 2 + 1).
-    spectrum: power spectrum of the pictures, (n, n // 2 + 1).
+    mean squared modulus over depths follow from those of H and H0, and from the mean of Re(H H0*),
+    the product. All are (n, n // 2 + 1), as the power spectrum of the pictures.
     """
 
     mean: torch.Tensor
@@ -183,10 +173,7 @@ class DepthStatistics:
     def of_transfers(
         cls, transfers: torch.Tensor, flat: torch.Tensor, spectrum: torch.Tensor
     ) -> DepthStatistics:
-        """Compute the means of a pattern's and a flat pattern's transfer functions over depths.
-
-        transfers, flat: (depths, n, n // 2 + 1), complex.
-        """
+        """Compute the means over depths of a pattern's and a flat one's transfer functions."""
         mean, power = mean_transfer(transfers)
         flat_mean, flat_power = mean_transfer(flat)
         product = (transfers * flat.conj()).real.double().mean(0)
