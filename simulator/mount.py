@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -65,6 +66,7 @@ def shift_aberrations(
 
 
 Array = NDArray[np.float64]
+Coordinate = TypeVar("Coordinate", float, Array)
 
 _FADE_SAMPLES = 96
 """Samples over which a PSF fades to zero beyond its window, so that its Fourier series, which is
@@ -103,14 +105,10 @@ class Mount:
         return not any(self.shift)
 
     @property
-    def _quarters(self) -> int:
-        """Return the rotation as the nearest number of quarter turns."""
-        return round(self.rotation / (math.pi / 2))
-
-    @property
-    def _rest(self) -> float:
-        """Return the rotation beyond its quarter turns, in radians."""
-        return self.rotation - self._quarters * math.pi / 2
+    def _turns(self) -> tuple[int, float]:
+        """Return the rotation as the nearest number of quarter turns, and its rest in radians."""
+        quarters = round(self.rotation / (math.pi / 2))
+        return quarters, self.rotation - quarters * math.pi / 2
 
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
         """Return a lens that is aligned with the sensor as seen in the panel's axes.
@@ -127,11 +125,18 @@ class Mount:
         away = self.shift[0] / half, self.shift[1] / half
         # The opening has to lie in the disc around the new middle, which is larger.
         radius = 1 + math.hypot(*away)
-        stop = replace(
-            lens.stop,
-            opening=self._shape(lens.stop.opening, away, radius),
-            obscurations=tuple(self._shape(one, away, radius) for one in lens.stop.obscurations),
-        )
+
+        def place(point: Point) -> Point:
+            y, x = ((one - middle) / radius for one, middle in zip(point, away, strict=True))
+            return self._point((y, x))
+
+        def shape(one: Shape) -> Shape:
+            if isinstance(one, Polygon):
+                return Polygon(tuple(place(corner) for corner in one.corners))
+            return Circle(one.radius / radius, place(one.centre))
+
+        obscurations = tuple(shape(one) for one in lens.stop.obscurations)
+        stop = replace(lens.stop, opening=shape(lens.stop.opening), obscurations=obscurations)
         moved = replace(lens, aberrations=shift_aberrations(lens.aberrations, *away, radius))
         return replace(
             lens, stop=stop, aberrations=self._aberrations(moved), f_number=lens.f_number / radius
@@ -142,21 +147,6 @@ class Mount:
         if self.is_aligned and self.is_centred:
             return camera
         return replace(camera, lens=self.lens_in_panel_axes(camera.lens))
-
-    def _shape(self, shape: Shape, away: Point, radius: float) -> Shape:
-        """Transform a shape of the lens' stop to the panel's axes.
-
-        away: (y, x) from the lens' axis to the panel's middle. radius: that of the disc in whose
-        radii the result is. Both are in stop radii.
-        """
-
-        def place(point: Point) -> Point:
-            y, x = ((one - middle) / radius for one, middle in zip(point, away, strict=True))
-            return self._point((y, x))
-
-        if isinstance(shape, Polygon):
-            return Polygon(tuple(place(corner) for corner in shape.corners))
-        return Circle(shape.radius / radius, place(shape.centre))
 
     def _point(self, point: Point) -> Point:
         """Transform a point (y, x) on the sensor to the panel's axes: rotate first, then mirror."""
@@ -169,7 +159,7 @@ class Mount:
         y, x = y * cos - x * sin, x * cos + y * sin
         return (-y if self.flip_y else y), (-x if self.flip_x else x)
 
-    def places_on_sensor(self, y: Array, x: Array) -> tuple[Array, Array]:
+    def places_on_sensor(self, y: Coordinate, x: Coordinate) -> tuple[Coordinate, Coordinate]:
         """Transform coordinates in the panel's axes to those of the sensor."""
         y, x = (-y if self.flip_y else y), (-x if self.flip_x else x)
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
@@ -209,10 +199,8 @@ class Mount:
         beside the image by its height at the lens times image distance times defocus in dioptres.
         The result is in the sensor's axes.
         """
-        lens = camera.lens
-        vergence = 1 / object_to_lens_distance(camera, distance) - 1 / as_number(
-            lens.focus_distance
-        )
+        lens, away = camera.lens, object_to_lens_distance(camera, distance)
+        vergence = 1 / away - 1 / as_number(lens.focus_distance)
         scale = as_number(lens.image_distance) * as_number(vergence)
         return self.shift[0] * scale, self.shift[1] * scale
 
@@ -226,9 +214,9 @@ class Mount:
         plane: the square plane around the axis on which the PSF is needed in the sensor's axes. The
         result has the same number of samples on both sides of the origin.
         """
-        side = max(plane.shape)
-        if self._rest:
-            turned = abs(math.cos(self._rest)) + abs(math.sin(self._rest))
+        side, (_, rest) = max(plane.shape), self._turns
+        if rest:
+            turned = abs(math.cos(rest)) + abs(math.sin(rest))
             side = math.ceil(side * turned) + 2 * _FADE_SAMPLES
         return replace(plane, shape=(side + 1 - side % 2,) * 2)
 
@@ -239,10 +227,11 @@ class Mount:
         """
         flips = [axis for axis, on in ((-2, self.flip_y), (-1, self.flip_x)) if on]
         psf = psf.flip(flips)
-        for _ in range(self._quarters % 4):
+        quarters, rest = self._turns
+        for _ in range(quarters % 4):
             psf = psf.flip(-2).mT
-        if self._rest:
-            return _resample_rotated(psf, self._rest, plane)
+        if rest:
+            return _resample_rotated(psf, rest, plane)
         return centred_crop(psf, plane.shape)
 
 
@@ -257,14 +246,9 @@ def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Te
     frequencies = Plane((side, side), (1 / (side * pitch),) * 2)
     # There are about as many points as samples; the method for few points was still measured to
     # be nearly three times faster.
-    series = NonuniformTransform(
-        (y * cos - x * sin).ravel(),
-        (x * cos + y * sin).ravel(),
-        frequencies,
-        1.0,
-        1e-6,  # This is the relative error.
-        few_points=True,
-    )
+    tol = 1e-6
+    v, u = (y * cos - x * sin).ravel(), (x * cos + y * sin).ravel()
+    series = NonuniformTransform(v, u, frequencies, 1.0, tol, few_points=True)
     return series.adjoint(spectrum).real.reshape(plane.shape).to(psf)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.plane import Plane
-from simulator.convolution import convolve_valid
 from simulator.effects.blur_effects import (
     BlurEffect,
     light_share_bound,
@@ -26,7 +25,7 @@ from simulator.effects.rendering_work import (
     are_orders_coarse,
 )
 from simulator.effects.result_cache import cached_across_exposures
-from simulator.formation.coarse_orders import order_cell_pixels
+from simulator.formation.coarse_orders import convolve_valid, order_cell_pixels
 from simulator.formation.windows import ORDER_FADE_PIXELS, max_blur_distance
 from simulator.planning import Bound
 from simulator.probing.sampled_frequencies import Gain

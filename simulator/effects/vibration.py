@@ -18,7 +18,7 @@ from simulator.effects.electron_bounds import (
 from simulator.effects.likely_errors import LightEffect
 from simulator.effects.psf_bounds import mtf_bound
 from simulator.effects.rendering_work import channel_count_at, picture_samples_at
-from simulator.formation.vibration import image_vibration
+from simulator.formation.mean_picture import image_vibration
 from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -23,16 +23,20 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 K = TypeVar("K")
 
+PanelStates = list[tuple[PictureShares | FrameSequence, Array]]
+"""What the panel shows, with the weight of a cell."""
+
 
 @dataclass(frozen=True, eq=False)
 class ExposureCell:
     """A part of an exposure with one mean PSF and one path of the object.
 
-    panel_state: what the panel shows, whose mean PSF is the cell's. shift: (y, x) metres on the
-    object to the middle of its path. path: (y, x) metres that the object moves. weight: seconds of
-    the lamp's mean light that each row sees, (rows,), or (1,) if all rows see the same.
+    number: its index among the cells. panel_state: what the panel shows. shift: (y, x) metres on
+    the object to the middle of its path. path: (y, x) metres that the object moves. weight: seconds
+    of the lamp's mean light that each row sees, (rows,), or (1,) if all rows see the same.
     """
 
+    number: int
     panel_state: PictureShares | FrameSequence
     shift: tuple[float, float]
     path: tuple[float, float]
@@ -50,18 +54,19 @@ def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
     if starts[0] == starts[-1]:
         starts = starts[:1]
     crystal = recipe.crystal and s.panel_content.is_changing
-    found = []
+    found: list[ExposureCell] = []
+    states: PanelStates
     for begin, end in _cuts(s, recipe, starts):
         shift, path = _shift_and_path(s, recipe, begin, end)
         if len(starts) == 1 and not recipe.lamp:
             look = s.panel_content.frame_sequence if crystal else s.panel_content.picture_shares
-            found.append(
-                ExposureCell(look(begin, end - begin), shift, path, np.array([end - begin]))
-            )
-            continue
-        pieces = _PanelTimes(s, recipe, starts, begin, end)
-        follow = pieces.responding_frame_weights if crystal else pieces.still_picture_weights
-        found += [ExposureCell(seen, shift, path, weight) for seen, weight in follow()]
+            seconds = end - begin
+            states = [(look(begin, seconds), np.array([seconds]))]
+        else:
+            pieces = _PanelTimes(s, recipe, starts, begin, end)
+            states = pieces.frame_weights() if crystal else pieces.picture_weights()
+        for state, weight in states:
+            found.append(ExposureCell(len(found), state, shift, path, weight))
     return found
 
 
@@ -102,7 +107,7 @@ class _PanelTimes:
     begin: float
     end: float
 
-    def still_picture_weights(self) -> list[tuple[PictureShares, Array]]:
+    def picture_weights(self) -> PanelStates:
         """Return what the panel shows, with each row's weight, if the crystal responds at once.
 
         If all rows see the same, all pictures are in one cell.
@@ -114,27 +119,25 @@ class _PanelTimes:
         shares = tuple((name, float(w[0]) / total) for name, w in sorted(present.items()))
         return [(PictureShares(shares), np.array([total]))] if present else []
 
-    def responding_frame_weights(self) -> list[tuple[FrameSequence, Array]]:
+    def frame_weights(self) -> PanelStates:
         """Return parts of video frames, with each row's weight, for a slow crystal."""
         parts = 8  # Rows and lamp weight each eighth of a frame by itself.
         shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / parts
         weights = self._row_weights(parts, lambda part: divmod(part, parts))
-        spans = {
-            (frame, part): Span(frame, part * seconds, (part + 1) * seconds, 1.0)
-            for frame, part in sorted(weights)
-        }
+
+        def sequence(shares: dict[tuple[int, int], float]) -> FrameSequence:
+            spans = tuple(
+                Span(frame, part * seconds, (part + 1) * seconds, share)
+                for (frame, part), share in shares.items()
+            )
+            return FrameSequence(shown.names, shown.frame_time, spans)
+
         if len(self.starts) > 1:
-            return [
-                (FrameSequence(shown.names, shown.frame_time, (span,)), weights[key])
-                for key, span in spans.items()
-            ]
-        total = sum(float(weights[key][0]) for key in spans)
-        shares = tuple(
-            replace(span, share=float(weights[key][0]) / total) for key, span in spans.items()
-        )
-        if not spans:
-            return []
-        return [(FrameSequence(shown.names, shown.frame_time, shares), np.array([total]))]
+            return [(sequence({key: 1.0}), weights[key]) for key in sorted(weights)]
+        times = {key: float(weights[key][0]) for key in sorted(weights)}
+        total = sum(times.values())
+        shares = {key: time / total for key, time in times.items()}
+        return [(sequence(shares), np.array([total]))] if times else []
 
     def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
         """Return the seconds of the lamp's mean light for which each row sees each item of a video.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -48,18 +49,9 @@ def exposure_fields(
         return
     for name, share in panel_state.shares:
         if share > 0:
-            fields = modulator.iterate_still_fields(_grey_levels(pictures, name), tol=tol)
+            grey = torch.from_numpy(pictures[name].copy())
+            fields = modulator.iterate_still_fields(grey, tol=tol)
             yield from ((share * weight, field) for weight, field in fields)
-
-
-def _grey_levels(pictures: Pictures, name: str) -> torch.Tensor:
-    """Return a picture's grey levels, uint8."""
-    return torch.from_numpy(pictures[name].copy())
-
-
-def _settled_phase(modulator: Modulator, pictures: Pictures, name: str) -> torch.Tensor:
-    """Return the phase in radians that the crystal reaches for a still pattern."""
-    return torch.as_tensor(modulator.phase(_grey_levels(pictures, name)))
 
 
 def _moving(
@@ -70,17 +62,21 @@ def _moving(
     A span within a frame is treated as a shorter frame, which begins with the phase that the
     crystal has reached by then.
     """
+
+    def settled_phase(name: str) -> torch.Tensor:
+        return torch.as_tensor(modulator.phase(torch.from_numpy(pictures[name].copy())))
+
     tau, frame_time = modulator.panel.response_time, seen.frame_time
     # After 36 time constants a frame has no effect on the phase in double precision (e^-36).
     recent = seen.names[-max(1, math.ceil(36.0 * tau / frame_time)) :]
-    before = torch.stack([_settled_phase(modulator, pictures, name) for name in recent])
+    before = torch.stack([settled_phase(name) for name in recent])
     start = first_start_phase(before, frame_time, tau)
-    spans: dict[int, list[Span]] = {}
+    spans: defaultdict[int, list[Span]] = defaultdict(list)
     for span in seen.spans:
-        spans.setdefault(span.frame, []).append(span)
+        spans[span.frame].append(span)
     for frame, name in enumerate(seen.names):
-        end = _settled_phase(modulator, pictures, name)
-        for span in spans.get(frame, ()):
+        end = settled_phase(name)
+        for span in spans[frame]:
             begun, seconds = relaxed_phase(end, start, span.begin, tau), span.end - span.begin
             fields = modulator.transition_fields(begun, end, seconds, dtype=torch.float32, tol=tol)
             yield from ((span.share * share, field) for share, field in fields)
@@ -180,9 +176,21 @@ class Kernels:
     def fields(
         self, panel_state: PictureShares | FrameSequence, wavelength: float
     ) -> tuple[Modulator, Iterable[tuple[float, torch.Tensor]]]:
-        """Return the modulator at a wavelength, and an exposure cell's fields with their shares."""
-        modulator = modulator_at(self.camera.panel, wavelength)
-        return modulator, self._fields(panel_state, modulator)
+        """Return the modulator at a wavelength, and an exposure cell's fields with their shares.
+
+        The fields are kept if they are needed again, at other depths, places or wavelengths.
+        """
+        r, s, panel = self._recipe, self._s, self.camera.panel
+        pictures, tol = s.panel_content.pictures, s.numerics
+        own = acting = modulator_at(panel, wavelength)
+        if not r.dispersion:
+            acting = modulator_at(panel, s.wavelength)
+        elif r.depths == r.places == r.aberrated_places == 1 and not r.orders:
+            return own, exposure_fields(own, panel_state, pictures, tol)
+        causes = ("fields", panel, acting.wavelength, panel_state, tol)
+        return own, self._cache.get(
+            causes, lambda: list(exposure_fields(acting, panel_state, pictures, tol))
+        )
 
     def central(self, wavelength: float) -> Order | None:
         """Return the zeroth order if a PSF's window reaches beyond its orders, else None."""
@@ -200,11 +208,7 @@ class Kernels:
 
     def order_centre(self, wavelength: float, order: Order) -> tuple[float, float]:
         """Return (y, x) metres on the sensor from a point's image to one of its orders."""
-        y, x = self._order_offset(wavelength, order)
-        mount = self._s.mount
-        y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
-        cos, sin = math.cos(mount.rotation), math.sin(mount.rotation)
-        return y * cos + x * sin, x * cos - y * sin
+        return self._s.mount.places_on_sensor(*self._order_offset(wavelength, order))
 
     def _order_offset(self, wavelength: float, order: Order) -> tuple[float, float]:
         """Return an order's offset in the panel's axes, rounded to whole samples.
@@ -219,14 +223,15 @@ class Kernels:
 
     def _compute_psf(
         self,
-        seen: PictureShares | FrameSequence,
+        panel_state: PictureShares | FrameSequence,
         point: PointSource,
         effect: str,
         order: Order | None,
     ) -> torch.Tensor:
         """Compute a point's PSF in the sensor's axes."""
-        mount, modulator = self._s.mount, modulator_at(self.camera.panel, point.wavelength)
-        parts = self._record_fields(seen, modulator, effect, self._window(order).shape)
+        mount, window = self._s.mount, self._window(order)
+        modulator, fields = self.fields(panel_state, point.wavelength)
+        parts = self._record_fields(fields, effect, window.shape)
         if order and any(order):
             light = self._side_order_light(point, order, modulator, parts)
         else:
@@ -238,7 +243,7 @@ class Kernels:
         if correction != 1:
             light = light * correction
         if not mount.is_aligned:
-            light = mount.to_sensor_axes(light, self._window(order))
+            light = mount.to_sensor_axes(light, window)
         return light
 
     def _light(
@@ -275,9 +280,7 @@ class Kernels:
         if not (self.camera.separation and any(seen)):
             return 1.0
         here, axis = (
-            share_through_stop(
-                self.camera, point.distance, self._place_in_panel_axes(point.distance, place)
-            )
+            share_through_stop(self.camera, point.distance, self._in_panel_axes(point, place))
             for place in (seen, (0.0, 0.0))
         )
         return axis / here if here else 0.0
@@ -289,11 +292,9 @@ class Kernels:
         """
         return point.place if self._recipe.places > 1 else (0.0, 0.0)
 
-    def _place_in_panel_axes(
-        self, distance: float, place: tuple[float, float]
-    ) -> tuple[float, float]:
-        """Return the place of a point's image in the panel's axes, metres (y, x)."""
-        return self._s.mount.place_in_panel_axes(place, self.camera, distance)
+    def _in_panel_axes(self, point: PointSource, place: tuple[float, float]) -> tuple[float, float]:
+        """Return a place of the point's image, (y, x) metres, in the panel's axes."""
+        return self._s.mount.place_in_panel_axes(place, self.camera, point.distance)
 
     def _window(self, order: Order | None) -> Plane:
         """Return the plane of a PSF's window.
@@ -309,14 +310,6 @@ class Kernels:
             plane = self._s.mount.plane_in_panel_axes(plane)
         return replace(plane, centre=self._order_offset(point.wavelength, order))
 
-    def _without_image_shift(self, plane: Plane, camera: Camera, distance: float) -> Plane:
-        """Return the plane on which a centred panel has the light that this one has on a plane."""
-        if self._s.mount.is_centred:
-            return plane
-        moved = self._s.mount.image_shift_in_panel_axes(camera, distance)
-        y, x = (one - away for one, away in zip(plane.centre, moved, strict=True))
-        return replace(plane, centre=(y, x))
-
     def _operator(
         self, point: PointSource, order: Order, tol: float | None = None
     ) -> PSFOperator | RayOperator:
@@ -324,64 +317,37 @@ class Kernels:
 
         Unmodulated light is left to the modulator.
         """
-        tol = tol or self._s.numerics
-        camera, recipe = self.camera_at(point.wavelength, point.place), self._recipe
-        plane = self._without_image_shift(self._around(point, order), camera, point.distance)
-        place = self._place_in_panel_axes(point.distance, self._shadow_place(point))
-        if not recipe.diffraction:
-            return RayOperator(camera, point.distance, point.wavelength, plane, place)
-        causes = ("operator", camera, tol, point, plane)
+        tol, mount, plane = tol or self._s.numerics, self._s.mount, self._around(point, order)
+        camera = self.camera_at(point.wavelength, point.place)
+        if not mount.is_centred:
+            # On this plane a centred panel has the light that a shifted one has on the other.
+            moved = mount.image_shift_in_panel_axes(camera, point.distance)
+            y, x = (one - away for one, away in zip(plane.centre, moved, strict=True))
+            plane = replace(plane, centre=(y, x))
+        place = self._in_panel_axes(point, self._shadow_place(point))
+        given = camera, point.distance, point.wavelength, plane
+        if not self._recipe.diffraction:
+            return RayOperator(*given, place)
         return self._cache.get(
-            causes,
+            ("operator", camera, tol, point, plane),
             lambda: PSFOperator(
-                camera,
-                point.distance,
-                point.wavelength,
-                plane,
-                field=place,
-                integrate=False,
-                unmodulated=0.0,
-                tol=tol,
-                budget=_BUDGET,
+                *given, field=place, integrate=False, unmodulated=0.0, tol=tol, budget=_BUDGET
             ),
         )
 
     def _record_fields(
-        self,
-        seen: PictureShares | FrameSequence,
-        modulator: Modulator,
-        effect: str,
-        shape: tuple[int, int],
+        self, fields: Iterable[tuple[float, torch.Tensor]], effect: str, shape: tuple[int, int]
     ) -> WeightedFields:
-        """Yield the panel's fields in an exposure cell, each with a ledger entry and a check.
+        """Yield the panel's fields, each with a ledger entry and a check.
 
         The caller computes a PSF from each field before it asks for the next.
         """
         count = psf_operations if self._recipe.diffraction else ray_operations
-        panel = self.camera.panel
         self._check()
-        for part in self._fields(seen, modulator):
-            self._ledger.add(effect, count(panel, *shape), 4 * math.prod(shape))
+        for part in fields:
+            self._ledger.add(effect, count(self.camera.panel, *shape), 4 * math.prod(shape))
             yield part
             self._check()
-
-    def _fields(
-        self, seen: PictureShares | FrameSequence, modulator: Modulator
-    ) -> Iterable[tuple[float, torch.Tensor]]:
-        """Return the panel's fields in an exposure cell.
-
-        They are kept if they are needed again, at other depths, places or wavelengths.
-        """
-        r, s = self._recipe, self._s
-        panel, pictures, tol = self.camera.panel, s.panel_content.pictures, s.numerics
-        if not r.dispersion:
-            modulator = modulator_at(panel, s.wavelength)
-        elif r.depths == r.places == r.aberrated_places == 1 and not r.orders:
-            return exposure_fields(modulator, seen, pictures, tol)
-        causes = ("fields", panel, modulator.wavelength, seen, tol)
-        return self._cache.get(
-            causes, lambda: list(exposure_fields(modulator, seen, pictures, tol))
-        )
 
     def _cell_shares(self, point: PointSource, order: Order) -> list[torch.Tensor]:
         """Return the share of each sample's light that belongs to a diffraction order.

@@ -249,13 +249,9 @@ def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tupl
         below = min(int((1 / d - low) / step), count - 2)
         share = (1 / d - low) / step - below
         ends = ((below, 1 - share), (below + 1, share))
-        found[d] = [(_distance(low + k * step), w) for k, w in ends if w > 1e-12]
+        steps = [(low + k * step, w) for k, w in ends if w > 1e-12]
+        found[d] = [(1 / one if one > 0 else math.inf, w) for one, w in steps]
     return found
-
-
-def _distance(vergence: float) -> float:
-    """Convert a vergence to a distance in metres, infinite for 0."""
-    return 1 / vergence if vergence > 0 else math.inf
 
 
 def field_nodes(count: int, half: float) -> list[float]:

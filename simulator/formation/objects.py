@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
 from optics.caching import ByteCache
-from optics.plane import Plane
 from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels
 from simulator.formation.nodes import (
@@ -177,29 +176,25 @@ class ObjectSpectra:
         return self._weight_by_place(bare, None)
 
     def _attenuation(self, layer: Layer, off: Place, angle: int) -> torch.Tensor | None:
-        """Return a layer's vignetting times an angle's share, on samples; None with neither."""
-        seen = self._vignetting(layer, off)
+        """Return a layer's vignetting times an angle's share, on samples; None with neither.
+
+        Light that was shifted is vignetted by its original place.
+        """
+        camera, mount, distance = self._kernels.camera, self._s.mount, layer.distance
+        y, x = (middle - away for middle, away in zip(self._plane.centre, off, strict=True))
+        before = replace(self._plane, centre=(y, x))
+        seen = None
+        if self._recipe.vignetting and any(off):
+            seen = vignetting(camera, mount, before, distance)
+        elif self._recipe.vignetting:
+            seen = self._cache.get(
+                ("vignetting", camera, mount, before, distance),
+                lambda: vignetting(camera, mount, before, distance),
+            )
         if not angle:
             return seen
-        away = self._plane_before(off)
-        share = angle_share(self._squared_sines, angle, self._s.camera, away)
+        share = angle_share(self._squared_sines, angle, self._s.camera, before)
         return share if seen is None else seen * share
-
-    def _plane_before(self, off: Place) -> Plane:
-        """Return the samples' plane where light was before it was shifted by `off`."""
-        centre = (self._plane.centre[0] - off[0], self._plane.centre[1] - off[1])
-        return Plane(self._plane.shape, self._plane.pitch, centre)
-
-    def _vignetting(self, layer: Layer, off: Place) -> torch.Tensor | None:
-        """Return a layer's vignetting on samples; None if the recipe leaves it out."""
-        if not self._recipe.vignetting:
-            return None
-        camera, mount, plane = self._kernels.camera, self._s.mount, self._plane
-        if not any(off):
-            causes = ("vignetting", camera, mount, plane, layer.distance)
-            return self._cache.get(causes, lambda: vignetting(camera, mount, plane, layer.distance))
-        # Light that was shifted is vignetted by its original place.
-        return vignetting(camera, mount, self._plane_before(off), layer.distance)
 
     def _weight_by_place(
         self, bare: torch.Tensor, attenuation: torch.Tensor | None, even: bool = False

@@ -17,7 +17,7 @@ from optics.plane import Plane
 from optics.validation import require_positive
 from simulator.scene.colours import Basis
 from simulator.scene.drawable import STILL, Drawable, Shift
-from simulator.scene.photograph import require_colours
+from simulator.scene.framed import require_colours
 from simulator.scene.pixel_picture import edges, window_matrix
 from simulator.scene.target import Layer, Part, Target
 

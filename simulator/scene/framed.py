@@ -12,6 +12,7 @@ import torch
 from optics.camera import Camera
 from optics.light.spectrum import Spectrum
 from optics.validation import require_finite, require_positive
+from simulator.scene.colours import Basis, primaries
 from simulator.scene.pixel_picture import PixelPicture
 from simulator.scene.target import Layer, Part, Target
 
@@ -23,15 +24,17 @@ def require_image(image: torch.Tensor, bands: str) -> None:
     require_finite("image", image)
 
 
-def covering(shape: tuple[int, ...], cover: float, camera: Camera) -> float:
-    """Return the pixel side on the sensor, in metres, of a picture that covers the frame.
+def require_colours(image: torch.Tensor) -> None:
+    """Raise ValueError unless a photograph is finite and has three colours."""
+    require_image(image, "3 colours")
+    if image.shape[2] != 3:
+        raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and 3 colours")
 
-    shape: (rows, columns) of the picture. cover: side of the picture over side of the frame, along
-    the axis where this ratio is smaller.
-    """
-    sensor = camera.sensor
-    sides = zip(sensor.shape, shape, strict=False)
-    return cover * max(n * sensor.pitch / size for n, size in sides)
+
+def colour_planes(basis: Basis, image: torch.Tensor) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+    """Return a photograph's planes (rows, columns), each with the reflectance of its primary."""
+    colours = (one.contiguous().to(torch.float32) for one in image.unbind(-1))
+    return tuple(zip(basis, colours, strict=True))
 
 
 class _Pixels(ABC):
@@ -75,7 +78,9 @@ class FramedPicture(_Pixels, Target):
     def for_camera(self, camera: Camera) -> Target:
         if self.height is not None:
             return self
-        side = covering(self.shape, self.cover, camera)
+        sensor = camera.sensor
+        sides = zip(sensor.shape, self.shape, strict=True)
+        side = self.cover * max(n * sensor.pitch / size for n, size in sides)
         if self.side == side:
             return self
         if side not in self._copies_by_side:
@@ -99,3 +104,49 @@ class FramedPicture(_Pixels, Target):
             Part(self.reflected_radiance(s), self.place_image(image)) for s, image in self.images
         )
         return (Layer(self.distance, parts),)
+
+
+@dataclass(frozen=True, eq=False)
+class PhotographPrint(FramedPicture):
+    """Flat, matt, evenly lit print of a photograph.
+
+    Parameters
+    ----------
+    image : torch.Tensor
+        Linear red, green and blue, shape (rows, columns, 3), 1 = white.
+    distance : float
+        Distance from the panel in metres, positive.
+    radiance : float
+        Spectral radiance of white, W / (sr m² m), not negative.
+    basis : tuple of Spectrum, default primaries()
+        Reflectances of red, green and blue.
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
+        See `Target`.
+    cover : float, default 1.05
+        Side of the picture over side of the frame, along the axis where this ratio is smaller;
+        what exceeds the frame lies beyond its edges.
+    height : float, optional
+        Height of the picture at the object in metres, which replaces `cover`.
+    offset : tuple of float, default (0.0, 0.0)
+        Position (y, x) of the picture's middle relative to the axis, metres on the object.
+    side : float, optional
+        Side of the pixels on the sensor in metres; `for_camera` sets it.
+
+    Raises
+    ------
+    ValueError
+        If the image isn't a finite picture in three colours, or a size isn't positive.
+    """
+
+    image: torch.Tensor
+    distance: float
+    radiance: float
+    basis: Basis = field(default_factory=primaries)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_colours(self.image)
+
+    @property
+    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+        return colour_planes(self.basis, self.image)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from simulator.scene.drawable import Drawable
 from simulator.scene.pixel_picture import PixelPicture
@@ -16,16 +17,14 @@ def merge_pictures(pictures: Iterable[WeightedPicture]) -> list[WeightedPicture]
     """Merge pictures into fewer with the same weighted sum, without those of weight 0."""
     kinds: dict[object, list[WeightedPicture]] = {}
     for number, (picture, weight) in enumerate(pictures):
+        kind: object = number
+        if isinstance(picture, PixelPicture):
+            kind = picture.grid
+        elif isinstance(picture, Polygons):
+            kind = picture.corners
         if weight:
-            kinds.setdefault(_kind(picture, number), []).append((picture, weight))
+            kinds.setdefault(kind, []).append((picture, weight))
     return [_one(alike) for alike in kinds.values()]
-
-
-def _kind(picture: Drawable, number: int) -> object:
-    """Return a key that is equal for two pictures if they can be merged."""
-    if isinstance(picture, PixelPicture):
-        return picture.image.shape, picture.side, picture.offset, picture.on_sensor
-    return picture.corners if isinstance(picture, Polygons) else number
 
 
 def _one(alike: Sequence[WeightedPicture]) -> WeightedPicture:
@@ -35,7 +34,7 @@ def _one(alike: Sequence[WeightedPicture]) -> WeightedPicture:
         return first, weight
     if isinstance(first, PixelPicture):
         image = sum(p.image * w for p, w in alike if isinstance(p, PixelPicture))
-        return PixelPicture(image, first.side, first.offset, first.on_sensor), 1.0  # type: ignore[arg-type]
+        return replace(first, image=image), 1.0
     assert isinstance(first, Polygons)
     both = [(p, w) for p, w in alike if isinstance(p, Polygons)]
     values = tuple(sum(p.values[k] * w for p, w in both) for k in range(len(first.values)))

@@ -108,8 +108,20 @@ class PixelPicture(Drawable):
         """Return the bytes that the pixels take in memory."""
         return self.image.numel() * self.image.element_size()
 
+    @property
+    def grid(self) -> tuple[object, ...]:
+        """Return what pictures have in common that can be added pixel by pixel."""
+        return tuple(self.image.shape), self.side, self.offset, self.on_sensor
+
+    def _side_on_sensor(self, magnification: float) -> float:
+        return self.side if self.on_sensor else self.side * magnification
+
     def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
-        y, x = (self._half(axis, magnification, shift) for axis in (0, 1))
+        side = self._side_on_sensor(magnification)
+        y, x = (
+            abs(offset + moved) * magnification + (n + 1) * side / 2
+            for offset, moved, n in zip(self.offset, shift, self.image.shape, strict=True)
+        )
         return y, x
 
     def spectral_decay(self, magnification: float, frequency: float) -> int:
@@ -118,21 +130,15 @@ class PixelPicture(Drawable):
         Because of the linear interpolation it is 2 at frequencies beyond those that the pixels
         resolve, unless the picture has light at its rim, where it ends abruptly.
         """
-        side = self.side if self.on_sensor else self.side * magnification
+        side = self._side_on_sensor(magnification)
         return 2 if side * frequency >= 0.35 and not self._ends_in_light else 1
 
     @cached_property
     def _ends_in_light(self) -> bool:
         return any(bool(end.any()) for end in (*self.image[[0, -1]], *self.image.mT[[0, -1]]))
 
-    def _half(self, axis: int, magnification: float, shift: Shift) -> float:
-        """Return the largest distance of light from the axis along y or x of the sensor, metres."""
-        side = self.side if self.on_sensor else self.side * magnification
-        aside = abs(self.offset[axis] + shift[axis]) * magnification
-        return aside + (self.image.shape[axis] + 1) * side / 2
-
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        side = self.side if self.on_sensor else self.side * magnification
+        side = self._side_on_sensor(magnification)
         if side == 0:
             return torch.zeros(plane.shape)
         along = [

@@ -13,8 +13,7 @@ from scipy.ndimage import distance_transform_edt
 from optics.light.spectrum import Spectrum
 from optics.validation import require_positive
 from simulator.scene.colours import Basis, primaries
-from simulator.scene.framed import FramedPicture
-from simulator.scene.photograph import require_colours
+from simulator.scene.framed import FramedPicture, colour_planes, require_colours
 from simulator.scene.target import Layer, Part
 
 
@@ -114,12 +113,15 @@ class Relief(FramedPicture):
     @property
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
         """Return the reflectances and pictures, without the distances."""
-        colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))
-        return tuple(zip(self.basis, colours, strict=True))
+        return colour_planes(self.basis, self.image)
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        owner, distances = _assign_layers(_fill_unknown_depths(self.depths.numpy()), self.levels)
+        depths = self.depths.numpy()
+        known = ~np.isnan(depths)
+        if not known.all():
+            depths = depths[_nearest(known)]
+        owner, distances = _assign_layers(depths, self.levels)
         colours = self.image.to(torch.float32).numpy()
         shown = [np.where((owner == k)[..., None], colours, 0) for k in range(len(distances))]
         covers = [(owner == k).astype(np.float32) for k in range(len(distances))]
@@ -133,30 +135,22 @@ class Relief(FramedPicture):
                 covers[far][filled] = 1
                 shown[far][filled] = colours[where][filled]
         return tuple(
-            self._layer(distance, picture, cover)
+            Layer(
+                distance,
+                tuple(
+                    Part(self.reflected_radiance(reflectance), self.place_image(plane))
+                    for reflectance, plane in colour_planes(self.basis, torch.from_numpy(picture))
+                ),
+                self.place_image(torch.from_numpy(cover)),
+            )
             for distance, picture, cover in zip(distances, shown, covers, strict=True)
         )
-
-    def _layer(
-        self, distance: float, picture: NDArray[np.float32], cover: NDArray[np.float32]
-    ) -> Layer:
-        planes = (torch.from_numpy(np.ascontiguousarray(picture[..., k])) for k in range(3))
-        parts = tuple(
-            Part(self.reflected_radiance(reflectance), self.place_image(plane))
-            for reflectance, plane in zip(self.basis, planes, strict=True)
-        )
-        return Layer(distance, parts, self.place_image(torch.from_numpy(cover)))
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return row and column of the nearest pixel in a mask, for each pixel."""
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return rows, columns
-
-
-def _fill_unknown_depths(depths: NDArray[np.floating]) -> NDArray[np.floating]:
-    known = ~np.isnan(depths)
-    return depths if known.all() else depths[_nearest(known)]
 
 
 def _assign_layers(
