@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,18 +30,8 @@ _FAILED_VALUE = "D1BA43B6"
 
 _NAMES_2_DEGREES = ("X", "Y", "Z", "x", "y", "u'", "v'", "T", "duv", "ld", "Pe")
 _NAMES_10_DEGREES = (
-    "X10",
-    "Y10",
-    "Z10",
-    "x10",
-    "y10",
-    "u10'",
-    "v10'",
-    "T10",
-    "duv10",
-    "ld10",
-    "Pe10",
-)
+    "X10", "Y10", "Z10", "x10", "y10", "u10'", "v10'", "T10", "duv10", "ld10", "Pe10"
+)  # fmt: skip
 
 BLOCKS: dict[int, tuple[str, ...]] = {
     0: ("Le", "Lv", *_NAMES_2_DEGREES, *_NAMES_10_DEGREES),
@@ -104,10 +94,6 @@ def format_value(name: str, value: float, hexadecimal: bool, failed_is_zero: boo
     if kind in ("Lv", "ld", "Pe"):
         return "-9.9e9" if math.isnan(value) else _format_six_characters(value)
     return "-9.9999e9" if math.isnan(value) else _format_exponential(value)
-
-
-def format_block(names: Sequence[str], values: dict[str, float], *how: bool) -> list[str]:
-    return [format_value(name, values[name], *how) for name in names]
 
 
 def _format_exponential(value: float) -> str:
@@ -177,8 +163,7 @@ class CS2000Machine(FaultyMachine):
         self.optics = CS2000Optics(spectrum, slit_nm, angle)
         self.settings = CS2000Settings(model, serial, firmware, self.optics)
         self._buffer, self._last_byte_at = bytearray(), -math.inf
-        self._after_cr = False
-        self._delimiter = b"\r"
+        self._after_cr, self._delimiter = False, b"\r"
         self._answers: list[_PendingReply] = []
         self._measuring: _Measurement | None = None
         self.measured_radiance: Array | None = None
@@ -266,7 +251,10 @@ class CS2000Machine(FaultyMachine):
         numbers = [int(p) for p in parameters]
         if work is None:
             return self._meas(numbers, t)
-        return self._queue_reply(work(numbers), t)
+        answer = work(numbers)
+        if answer == "OK00":
+            self.settings.store(name)
+        return self._queue_reply(answer, t)
 
     def _meas(self, given: list[int], t: float) -> list[Reply]:
         if len(given) != 1:
@@ -291,11 +279,8 @@ class CS2000Machine(FaultyMachine):
         while (going := self._measuring) and going.until <= t:
             if going.in_main_phase and "busy forever" in self._faults:
                 break
-            replies += (
-                self._finish_measurement(going)
-                if going.in_main_phase
-                else self._begin_main_phase(going)
-            )
+            finish = self._finish_measurement if going.in_main_phase else self._begin_main_phase
+            replies += finish(going)
         return replies
 
     def _begin_main_phase(self, going: _Measurement) -> list[Reply]:
@@ -314,9 +299,8 @@ class CS2000Machine(FaultyMachine):
     def _finish_measurement(self, going: _Measurement) -> list[Reply]:
         self._measuring = None
         # The instrument corrects for the external filter that it was set to, even if none is there.
-        self.measured_radiance = (
-            self.optics.measured_spectrum() * 10.0 ** self.settings.single_values["NDFS"]
-        )
+        correction = 10.0 ** self.settings.single_values["NDFS"]
+        self.measured_radiance = self.optics.measured_spectrum() * correction
         self._unread = set(_SPANS)
         self.conditions = self.settings.conditions(going.integration, going.nd)
         return self._report_measurement("OK00", going)
@@ -337,21 +321,14 @@ class CS2000Machine(FaultyMachine):
             return "ER20"
         if mode == 0:
             return f"OK00,{self.conditions}"
-        how = (form == 1, self.settings.has_first_firmware)
         if mode == 1:
-            texts = [
-                format_value("spectral", float(v), *how)
-                for v in self.measured_radiance[_SPANS[number]]
-            ]
+            self._unread -= {number}
+            values = [("spectral", float(one)) for one in self.measured_radiance[_SPANS[number]]]
         else:
-            texts = format_block(
-                BLOCKS[number], colorimetric_values(WAVELENGTHS, self.measured_radiance), *how
-            )
-        self._discard_read_block(mode, number)
-        return ",".join(["OK00", *texts])
-
-    def _discard_read_block(self, mode: int, number: int) -> None:
-        """Discard a measurement once it is read out, if the measuring key is on."""
-        self._unread -= {number} if mode == 1 else set()
+            known_values = colorimetric_values(WAVELENGTHS, self.measured_radiance)
+            values = [(name, known_values[name]) for name in BLOCKS[number]]
         if self.settings.single_values["MSWE"] and (mode == 2 or not self._unread):
+            # The measuring key is on: a measurement is discarded once it is read out.
             self.measured_radiance = None
+        how = form == 1, self.settings.has_first_firmware
+        return ",".join(["OK00", *(format_value(name, value, *how) for name, value in values)])

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable
 
 from simulator.machines.machine import FaultyMachine, Reply
-from simulator.machines.turning_wheel import shorter_path
+from simulator.machines.usb_wheels import shorter_path
 
 _PROMPT = b"> "
 _NOT_DEFINED = b"Command error CMD_NOT_DEFINED\r"
@@ -48,10 +48,8 @@ class ThorlabsWheelMachine(FaultyMachine):
         self._state |= {"sensors": 1, "baud": 1}
         self._saved = dict(self._state)
         self._step, self._turned = step, on_slot
-        self._switched_on = True
-        self._lead_line_received = False
-        self._line = bytearray()
-        self._input_buffer = bytearray()
+        self._switched_on, self._lead_line_received = True, False
+        self._line, self._input_buffer = bytearray(), bytearray()
         self._answer: tuple[float, bytes] | None = None
         self._hangs = False
         self._path: list[tuple[float, int]] = []
@@ -128,15 +126,12 @@ class ThorlabsWheelMachine(FaultyMachine):
             return b""
         found = _COMMAND.fullmatch(line)
         name = found[1].decode() if found else ""
-        if not found or name not in self._known_settings:
+        unknown = {"pcount", "speed", "sensors"} if self._old else set()
+        if not found or name not in set(self._state) - unknown:
             return _NOT_DEFINED
         if found[2]:
             return b"%d\r" % self._state[name]
         return self._set(name, int(found[3]), t)
-
-    @property
-    def _known_settings(self) -> set[str]:
-        return set(self._state) - ({"pcount", "speed", "sensors"} if self._old else set())
 
     def _set(self, name: str, value: int, t: float) -> bytes:
         count = self._state["pcount"]
@@ -144,15 +139,11 @@ class ThorlabsWheelMachine(FaultyMachine):
         if value not in legal:
             return _ARG_INVALID
         if name == "pos":
-            self._path = self._turn(value, t)
+            way = shorter_path(self.position, value, count)
+            seconds = self._step[self._state["speed"]]
+            self._path = [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]
         else:
             self._state[name] = value
         if name == "pcount" and self.position > value:
             self._state["pos"] = 1
         return b""
-
-    def _turn(self, goal: int, t: float) -> list[tuple[float, int]]:
-        """List (time, slot) along the shorter way to a slot."""
-        way = shorter_path(self.position, goal, self._state["pcount"])
-        seconds = self._step[self._state["speed"]]
-        return [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]
