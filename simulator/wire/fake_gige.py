@@ -37,23 +37,16 @@ def pack_pixels(image: NDArray[np.uint16], form: PixelFormat) -> NDArray[np.uint
         case "words":
             return pixels.astype("<u2").view(np.uint8)
         case "packed":
-            return _pack_pairs(pixels, form.bits - 8)
+            # Two pixels in three bytes: the high bits of each around the low bits of both.
+            count, extra = pixels.size, form.bits - 8
+            a, b = np.append(pixels, np.zeros(count % 2, np.uint16)).reshape(-1, 2).T
+            low = (1 << extra) - 1
+            groups = np.stack([a >> extra, (b & low) << 4 | a & low, b >> extra], 1)
+            return groups.astype(np.uint8).reshape(-1)[: -(-count * 12 // 8)]
         case "p":
-            return _pack_bit_stream(pixels, form.bits)
-
-
-def _pack_pairs(pixels: NDArray[np.uint16], extra: int) -> NDArray[np.uint8]:
-    count = pixels.size
-    even = np.append(pixels, np.zeros(count % 2, np.uint16)).reshape(-1, 2)
-    low = even & (1 << extra) - 1
-    groups = np.stack([even[:, 0] >> extra, low[:, 1] << 4 | low[:, 0], even[:, 1] >> extra], 1)
-    return groups.astype(np.uint8).reshape(-1)[: -(-count * 12 // 8)]
-
-
-def _pack_bit_stream(pixels: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:
-    two_bytes = pixels.astype("<u2").view(np.uint8).reshape(-1, 2)
-    ones = np.unpackbits(two_bytes, axis=1, bitorder="little")[:, :bits]
-    return np.packbits(ones.reshape(-1), bitorder="little")
+            two_bytes = pixels.astype("<u2").view(np.uint8).reshape(-1, 2)
+            ones = np.unpackbits(two_bytes, axis=1, bitorder="little")[:, : form.bits]
+            return np.packbits(ones.reshape(-1), bitorder="little")
 
 
 RenderImage = Callable[[float, float], NDArray[np.uint16]]
@@ -122,14 +115,10 @@ class FakeGigECamera:
         values = {name: one.start for name, one in FEATURES.items()} | dict(features or {})
         self._exposure_us = exposure_us
         self._start_settings = {
-            "address": address,
-            "serial": serial,
-            "shape": shape,
-            "code": FORMATS[pixel_format].code,
-            "fresh": always_render,
-            "latency": latency,
+            "address": address, "serial": serial, "shape": shape, "latency": latency,
+            "code": FORMATS[pixel_format].code, "fresh": always_render,
             "features": [register_of(name, value) for name, value in values.items()],
-        }
+        }  # fmt: skip
         self._clock, self._faults = clock, list(faults)
         self.failure: Exception | None = None
         """Exception of the last call of `render` that failed; its frame isn't sent."""
@@ -256,20 +245,17 @@ class FakeGigECamera:
             while not self._ended:
                 with contextlib.suppress(MessageTimeout):
                     # Every 10 ms the faults whose time has come begin or end.
-                    self._handle_message(self._process.line.receive(0.01))
+                    message: Notification | CallResult = self._process.line.receive(0.01)
+                    if isinstance(message, Notification):
+                        render, wanted = self._render_pictures, message.arguments
+                        threading.Thread(target=render, args=wanted, daemon=True).start()
+                    else:
+                        self._obeyed_event.set()
                 if self._scripting.acquire(blocking=False):
                     try:
                         self._follow_script()
                     finally:
                         self._scripting.release()
-
-    def _handle_message(self, message: Notification | CallResult) -> None:
-        if isinstance(message, Notification):
-            threading.Thread(
-                target=self._render_pictures, args=message.arguments, daemon=True
-            ).start()
-        else:
-            self._obeyed_event.set()
 
     def _render_pictures(self, request: dict[str, Any]) -> None:
         """Render requested pictures into the set of memory places that isn't being sent."""
@@ -282,9 +268,8 @@ class FakeGigECamera:
                 image = self._fill(request["us"] * 1e-6, request["gain"] * 0.1)
                 image = apply_features(image, request["features"], form.full_scale)
                 data = pack(_crop_and_bin(image, request["region"]), form)
-                self._memory[HEADER_BYTES + place : HEADER_BYTES + place + data.size] = (
-                    data.tobytes()
-                )
+                start = HEADER_BYTES + place
+                self._memory[start : start + data.size] = data.tobytes()
         except Exception as error:
             self.failure = error
             return

@@ -82,12 +82,9 @@ class GigEMachine:
         self._library.arv_buffer_get_frame_id.restype = ctypes.c_uint64
         self._library.arv_buffer_get_frame_id.argtypes = [ctypes.c_void_p]
         self._library.arv_buffer_get_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
-        self._library.arv_fake_camera_set_fill_pattern.argtypes = [
-            ctypes.c_void_p,
-            _FILL,
-            ctypes.c_void_p,
-            ctypes.c_void_p,
-        ]
+        pointer = ctypes.c_void_p
+        fill = self._library.arv_fake_camera_set_fill_pattern
+        fill.argtypes = [pointer, _FILL, pointer, pointer]
         self._callback = _FILL(self._fill_buffer)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._exposure_history: deque[int] = deque(maxlen=9)
@@ -117,16 +114,10 @@ class GigEMachine:
         fake = server.get_fake_camera()
         fake.set_trigger_frequency(1000.0)
         rows, columns = given["shape"]
-        for register, value in (
-            (GigERegister.SENSOR_WIDTH, columns),
-            (GigERegister.SENSOR_HEIGHT, rows),
-            (GigERegister.WIDTH, columns),
-            (GigERegister.HEIGHT, rows),
-            (GigERegister.FORMAT, given["code"]),
-            (GigERegister.FAKE_TRIGGER_SOURCE, 1),
-            (GigERegister.TEMPERATURE, 4150),
-            *given["features"],
-        ):
+        r = GigERegister
+        start = {r.SENSOR_WIDTH: columns, r.SENSOR_HEIGHT: rows, r.WIDTH: columns, r.HEIGHT: rows}
+        start |= {r.FORMAT: given["code"], r.FAKE_TRIGGER_SOURCE: 1, r.TEMPERATURE: 4150}
+        for register, value in (*start.items(), *given["features"]):
             fake.write_register(register, value)
         self._library.arv_fake_camera_set_fill_pattern(hash(fake), self._callback, None, None)
         self._exposure_history.clear()
@@ -286,12 +277,10 @@ class GigEMachine:
         target = self._library.arv_buffer_get_data(buffer, None)
         ctypes.memmove(target, self._base + HEADER_BYTES + place, fake.get_payload())
         if self.fault == "corrupt frame":
-            self._send_forged_leader(self._library.arv_buffer_get_frame_id(buffer))
-
-    def _send_forged_leader(self, number: int) -> None:
-        """Send a frame leader of a wrong size before the right one."""
-        height = max(1, self._register(GigERegister.HEIGHT) // 2)
-        self._send_packets([self._leader_packet(number, {"height": height})])
+            # A leader of a wrong size comes before the right one.
+            height = max(1, self._register(GigERegister.HEIGHT) // 2)
+            number = self._library.arv_buffer_get_frame_id(buffer)
+            self._send_packets([self._leader_packet(number, {"height": height})])
 
     def _send_frame(self, number: int, data: bytes) -> None:
         """Send a frame whose leader or size Aravis' fake camera can't have."""

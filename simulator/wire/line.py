@@ -39,8 +39,7 @@ class SimulatedLine:
     def __init__(self, machine: SerialMachine, *, baudrate: int, seed: int = 0) -> None:
         if baudrate <= 0:
             raise ValueError(f"baudrate is {baudrate}; it must be positive")
-        self.machine = machine
-        self.baudrate = baudrate
+        self.machine, self.baudrate = machine, baudrate
         # A byte has a start bit, eight data bits and a stop bit.
         self._byte_time = 10 / baudrate
         self._rng = np.random.default_rng(seed)
@@ -78,9 +77,7 @@ class SimulatedLine:
     def next_event_time(self) -> float:
         """Return when something may happen next; infinite if nothing will."""
         with self._lock:
-            return min(
-                _first_time(self._going), _first_time(self._leaving), _first_time(self._coming)
-            )
+            return min(map(_first_time, (self._going, self._leaving, self._coming)))
 
     def inject(self, fault: WireFault) -> None:
         """Add a fault.
@@ -128,7 +125,8 @@ class SimulatedLine:
                 break
             if going <= leaving:
                 at, _, byte = heapq.heappop(self._going)
-                self._deliver_to_machine(byte, at)
+                if not (self._active_fault("silence", at) or self._active_fault("disconnect", at)):
+                    self._feed(bytes([self._with_bit_flips(byte, at)]), at)
             else:
                 at, _, data, echo = heapq.heappop(self._leaving)
                 if data:
@@ -137,12 +135,6 @@ class SimulatedLine:
                     self._feed(b"", at)
         if self.is_unplugged(t):
             self._coming.clear()
-
-    def _deliver_to_machine(self, byte: int, t: float) -> None:
-        """Bring a byte to the machine, unless a fault stops it."""
-        if self._active_fault("silence", t) or self._active_fault("disconnect", t):
-            return
-        self._feed(bytes([self._with_bit_flips(byte, t)]), t)
 
     def _feed(self, data: bytes, t: float) -> None:
         """Pass bytes to the machine, and take its replies."""
@@ -189,9 +181,8 @@ class SimulatedLine:
             self._free_here = free
 
     def _with_bit_flips(self, byte: int, t: float) -> int:
-        return (
-            byte ^ (1 << int(self._rng.integers(8))) if self._drawn_fault("bit flips", t) else byte
-        )
+        flipped = self._drawn_fault("bit flips", t)
+        return byte ^ (1 << int(self._rng.integers(8))) if flipped else byte
 
     def _active_fault(self, kind: str, t: float) -> WireFault | None:
         faults = self._faults.get(kind)
