@@ -7,7 +7,7 @@ from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from optics.camera import Camera, Panel
+from optics.camera import Camera, Lens, Panel
 from optics.camera.pupil import object_to_lens_distance
 from optics.light.bands import Band
 from optics.polarisation import PathEffect
@@ -110,23 +110,22 @@ class Situation:
 
         They are those of the band's light, and the focus of a lens that is the same for all light.
         """
-        lens, drift = self.camera.lens, self.focus_drift
-        return focus_shifts(lens, self.band, self._distances_to_lens, drift)
+        return focus_shifts(*self._focusing)
 
     @property
     def leaked_foci(self) -> tuple[float, ...]:
         """Return the foci of light that leaks through the filter, metres behind the sensor."""
-        lens, drift = self.camera.lens, self.focus_drift
-        return leaked_focus_shifts(lens, self.band, self._distances_to_lens, drift)
+        return leaked_focus_shifts(*self._focusing)
 
     @property
-    def _distances_to_lens(self) -> Iterator[float]:
-        """Yield the layers' distances to the lens, in metres.
-
-        Only a lens whose focus shifts needs them.
-        """
-        for distance in {layer.distance for layer in self.target.layers}:
-            yield object_to_lens_distance(self.camera, distance)
+    def _focusing(self) -> tuple[Lens, Band, Iterator[float], float]:
+        """Return the lens, the band, the layers' distances to the lens and the drift of focus."""
+        # Only a lens whose focus shifts needs the distances.
+        distances = (
+            object_to_lens_distance(self.camera, distance)
+            for distance in {layer.distance for layer in self.target.layers}
+        )
+        return self.camera.lens, self.band, distances, self.focus_drift
 
     @property
     def picture_probe(self) -> PictureProbe:
@@ -142,14 +141,11 @@ class Situation:
     def pattern_probe(self) -> PatternProbe:
         """Return the probe of the shown pattern's or video's PSFs."""
         if self.cache.pattern_probe is None:
+            camera = self.mount.camera_in_panel_axes(self.camera)
             self.cache.pattern_probe = PatternProbe(
-                self.mount.camera_in_panel_axes(self.camera),
-                self.panel_content,
-                self.wavelength,
-                self.picture_probe.distances,
-                foci=self.foci,
-                leaked_foci=self.leaked_foci,
-            )
+                camera, self.panel_content, self.wavelength, self.picture_probe.distances,
+                foci=self.foci, leaked_foci=self.leaked_foci,
+            )  # fmt: skip
         return self.cache.pattern_probe
 
     @property

@@ -154,17 +154,12 @@ class World:
         Raises ValueError for an exposure in seconds that isn't positive and finite.
         """
         require_positive("exposure", exposure, "s")
+        numerics = max((1 - EFFECTS_SHARE) * self.imaging.tol, 1e-5)
         return Situation(
-            self._amplified_camera(self.gain_db),
-            self.mount,
-            self.scene.targets[self.target],
-            self._true_band(self.band),
-            self._panel_content,
-            self._exposure_start,
-            exposure,
-            self.path,
-            numerics=max((1 - EFFECTS_SHARE) * self.imaging.tol, 1e-5),
-        )
+            self._amplified_camera(self.gain_db), self.mount, self.scene.targets[self.target],
+            self._true_band(self.band), self._panel_content, self._exposure_start, exposure,
+            self.path, numerics,
+        )  # fmt: skip
 
     def effect_plan(
         self,
@@ -181,14 +176,12 @@ class World:
         is asked for it. target, bandwidth, gain_db: the present ones if None. Nothing is rendered.
         """
         frames = pattern if pattern.ndim == 3 else pattern[None]
-        video = PanelContent.of(frames, 1 / self.camera.panel.frame_rate)
+        band = replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth)
         asked = replace(
             self.situation(countable_exposure(exposure)),
             camera=self._amplified_camera(self.gain_db if gain_db is None else gain_db),
-            panel_content=video,
-            band=self._true_band(
-                replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth)
-            ),
+            panel_content=PanelContent.of(frames, 1 / self.camera.panel.frame_rate),
+            band=self._true_band(band),
             target=self.scene.targets[target or self.target],
         )
         return self.imaging.plan(asked)

@@ -17,8 +17,7 @@ from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
 from simulator.formation.nodes import angle_share, rendered_angles
-from simulator.formation.objects import ObjectSpectra
-from simulator.formation.vignetting import vignetting
+from simulator.formation.objects import ObjectSpectra, vignetting
 from simulator.formation.windows import max_blur_distance
 from simulator.probing.far_field import FarField, LensProbe, cut_kernel, side_order_kernel
 from simulator.recipe import Recipe
@@ -46,8 +45,8 @@ def can_be_coarse(s: Situation) -> bool:
     """Whether side orders can be computed on cells: all light takes the same way through the stop.
 
     Moving or hidden light, a turned panel, a lens that distorts, scales colours or has ghosts,
-    light that interferes, and jitter, which scatters light evenly, need PSFs. So does a small
-    panel, whose diffraction spots are as large as a cell.
+    interference, and jitter, which scatters light evenly, need PSFs. So does a small panel, whose
+    diffraction spots are as large as a cell.
     """
     return (
         not s.camera.separation
@@ -67,8 +66,8 @@ def can_be_coarse(s: Situation) -> bool:
 class CoarseOrders:
     """Compute the light of all side orders together, from the panel's far field.
 
-    Copies of a picture far aside are dim, so that their detail doesn't count. The far field of the
-    panel's field, one period of it, lands in each order, weighted by the envelope of one pixel.
+    Copies of a picture far aside are dim, so that their detail doesn't count. One period of the far
+    field lands in each order, weighted by the envelope of one pixel.
     """
 
     def __init__(
@@ -117,8 +116,7 @@ class CoarseOrders:
     ) -> Array | None:
         """Draw a layer's part on the cells from which light reaches the frame.
 
-        angle: number of the angle at the filter by whose share it is weighted, 0 for none. None
-        stands for light that is uniform on the sensor.
+        angle: as in light_spectra(). None stands for light that is uniform on the sensor.
         """
         even = self._objects.is_uniform(layer.parts[part].picture) and not angle
         if even and not self._recipe.vignetting:
@@ -202,8 +200,8 @@ def convolve_valid(
     """Convolve a picture with a kernel by Fourier transforms, without the picture's borders.
 
     The same as `scipy.signal.fftconvolve` with mode "valid", whose package takes half a second to
-    load, which the first picture needn't wait for. Of (rows, columns) and (p, q), it returns (rows
-    - p + 1, columns - q + 1). Raises ValueError for a kernel larger than the picture.
+    load, for which the first picture needn't wait. Raises ValueError for a kernel larger than the
+    picture.
     """
     if any(small > large for small, large in zip(kernel.shape, picture.shape, strict=True)):
         raise ValueError(f"kernel has shape {kernel.shape}: larger than picture, {picture.shape}")

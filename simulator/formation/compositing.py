@@ -20,8 +20,8 @@ _ONE = np.ones((1, 1))
 class ZerothOrderPath:
     """The way of the light that stays in the zeroth order of the panel's pixel grid.
 
-    number: the layer's index. node: the wavelength's index. Spectra are Fourier spectra of the
-    light on samples, in electrons per second and pixel, one for each channel.
+    number: the layer. node: the wavelength. Spectra are of the light on samples, in electrons per
+    second and pixel, one for each channel.
     """
 
     def __init__(self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs) -> None:
@@ -116,8 +116,8 @@ def _apply_transfers(
 class SideOrderPath:
     """The way of light that the panel's pixel grid diffracts into one side order.
 
-    An order's offset is proportional to the wavelength. Its PSF is computed around the order's
-    centre, and convolved with the object as if the object were there.
+    Its PSF is computed around the order's centre, and convolved with the object as if that were
+    there.
     """
 
     def __init__(
@@ -189,8 +189,7 @@ class SideOrderPath:
 class Compositor:
     """Combine all layers of a target, along all paths of their light.
 
-    occlusion: whether near layers hide far ones; else all light is added, as if all layers were
-    transparent.
+    occlusion: whether near layers hide far ones; else all light is added.
     """
 
     gathering: SampleGrid
@@ -214,6 +213,11 @@ class Compositor:
 
         Blurred light is multiplied by blurred covers, and so has to be computed wavelength by
         wavelength, and path by path: what comes to a pixel from aside is hidden by what is aside.
+        The rays that a cover stops are taken to be as bright as the other rays to a sample. This is
+        exact where either layer is in focus, and right to about a percent elsewhere (Hasinoff and
+        Kutulakos, A layer-based restoration framework for variable-aperture photography, ICCV
+        2007). Where blurred edges of two layers lie along each other, it is wrong by several
+        percent of the light along that line: a ray passes both or none.
         """
         total: list[torch.Tensor] = []
         for node in nodes:
@@ -239,7 +243,8 @@ class Compositor:
                     # A path holds a share of a layer's light, and the layer hides all that is
                     # behind in it.
                     hidden = self.gathering.samples(cover, "occlusion") / carried
-                    behind = [one * uncovered_share(hidden) for one in behind]
+                    left = 1 - hidden.clamp(0, 1)
+                    behind = [one * left for one in behind]
             spectra = way.wavelength_spectra(number, node, cell)
             behind = _sums(behind, [self.gathering.samples(one, "occlusion") for one in spectra])
         return behind
@@ -248,16 +253,3 @@ class Compositor:
 def _sums(one: list[torch.Tensor], other: list[torch.Tensor]) -> list[torch.Tensor]:
     """Add the channels of two lights; one without any is dark."""
     return [a + b for a, b in zip(one, other, strict=True)] if one and other else one or other
-
-
-def uncovered_share(cover_share: torch.Tensor) -> torch.Tensor:
-    """Return the share of the light from behind that a nearer layer leaves, on samples.
-
-    cover_share: blurred cover of the nearer layer, 0 to 1: the share of the rays to a sample that
-    it stops. These rays are taken to be as bright as the other rays to the sample. This is exact
-    where either layer is in focus, and right to about a percent elsewhere (Hasinoff and Kutulakos,
-    A layer-based restoration framework for variable-aperture photography, ICCV 2007). Where blurred
-    edges of two layers lie along each other, it is wrong by several percent of the light along that
-    line: a ray passes both or none.
-    """
-    return 1 - cover_share.clamp(0, 1)

@@ -34,8 +34,8 @@ DISTORTION_OPERATIONS = 200.0
 class DistortedFrame:
     """How far distortion moves what the frame holds, and how it changes areas.
 
-    reach: largest way in metres from any pixel to the undistorted place of its light. largest,
-    least: gain of area over the frame.
+    reach: largest way in metres from a pixel to its light's undistorted place. largest, least: gain
+    of area.
     """
 
     reach: float
@@ -116,9 +116,9 @@ def distort(
 ) -> torch.Tensor:
     """Distort a picture, given and returned as its spectrum on a plane's samples.
 
-    The light of each area is kept, and is spread over its image. But where the lens has a curve of
-    relative illumination, the light is as bright as the curve says where it lands. bend: whether
-    the lens' distortion counts. scale: by which the image is larger.
+    The light of each area is kept, and spread over its image; but with a curve of relative
+    illumination, it is as bright as that says where it lands. bend: whether the lens' distortion
+    counts. scale: by which the image is larger.
     """
     lens = camera.lens
     by = lens.radial_distortion if bend else None

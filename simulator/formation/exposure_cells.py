@@ -31,9 +31,9 @@ PanelStates = list[tuple[PictureShares | FrameSequence, Array]]
 class ExposureCell:
     """A part of an exposure with one mean PSF and one path of the object.
 
-    number: its index among the cells. panel_state: what the panel shows. shift: (y, x) metres on
-    the object to the middle of its path. path: (y, x) metres that the object moves. weight: seconds
-    of the lamp's mean light that each row sees, (rows,), or (1,) if all rows see the same.
+    number: its index. panel_state: what the panel shows. shift: (y, x) metres on the object to the
+    middle of its path. path: (y, x) metres that it moves. weight: seconds of the lamp's mean light
+    that each row sees, (rows,), or (1,) if all rows see the same.
     """
 
     number: int
@@ -142,8 +142,8 @@ class _PanelTimes:
     def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
         """Return the seconds of the lamp's mean light for which each row sees each item of a video.
 
-        of: returns the item, such as a picture's name, of a part of a frame. Items that no row sees
-        are left out.
+        of: returns the item, such as a picture's name, of a part of a frame. Unseen items are left
+        out.
         """
         weights: defaultdict[K, Array] = defaultdict(lambda: np.zeros(len(self.starts)))
         for numbers, begins, ends in self._intervals(parts):

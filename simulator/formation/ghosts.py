@@ -27,12 +27,10 @@ def ghost_on_pixels(
     """Return a ghost's light on the pixels of `frame`, without its share.
 
     spectrum: of the picture on the samples of `plane`, by rfft2 with the axis in the corner; a
-    sample has the light of a whole pixel, as `frame` has. aperture: whether the light is averaged
-    over each pixel, or taken at its centre.
-
-    At the height r on the sensor lies the ghost of what the picture has at r / magnification, where
-    its light is denser by the square of that. So pixels and disc are smaller there by as much. All
-    detail of the samples is summed by a chirped Fourier transform.
+    sample has the light of a whole pixel. aperture: whether light is averaged over each pixel. At
+    the height r on the sensor lies the ghost of what the picture has at r / magnification, where
+    its light is denser by the square of that: pixels and disc are smaller there. A chirped Fourier
+    transform sums all detail.
     """
     scale = abs(ghost.magnification)
     passed = spectrum * _ghost_transfer(plane, frame, ghost, aperture=aperture)

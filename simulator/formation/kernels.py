@@ -93,10 +93,9 @@ sees its progress and can cancel it. Chosen."""
 
 @dataclass(frozen=True)
 class PointSource:
-    """A point whose PSF is computed.
+    """A point whose PSF is computed: its wavelength and its distance from the panel in metres.
 
-    wavelength: metres. distance: metres from the panel. place: (y, x) metres on the sensor from the
-    axis to the point's geometric image.
+    place: (y, x) metres on the sensor from the axis to its geometric image.
     """
 
     wavelength: float
@@ -107,9 +106,9 @@ class PointSource:
 class Kernels:
     """Compute the PSFs of a recipe; each is computed once while the cache holds it.
 
-    A PSF is (rows, columns) of samples around the point's geometric image, or around a diffraction
-    order of it, each as a share of the point's light. Vignetting is applied elsewhere: a PSF off
-    the axis has as much light as one on the axis.
+    A PSF is (rows, columns) of samples around the point's geometric image, or a diffraction order
+    of it, each a share of the point's light. Vignetting is applied elsewhere: off the axis there is
+    as much light.
     """
 
     def __init__(
@@ -166,9 +165,8 @@ class Kernels:
     ) -> torch.Tensor:
         """Return a point's PSF, from the cache or computed.
 
-        effect: the effect in the ledger for which it is computed. order: the diffraction order
-        whose cell alone is returned, for the zeroth with the orders that are merged with it; if
-        None, all light in the window.
+        effect: to which the ledger ascribes the work. order: the diffraction order whose cell alone
+        is returned, for the zeroth with those merged with it; if None, all light in the window.
         """
         causes = ("psf", self.key, panel_state, point, order)
         return self._cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
@@ -262,8 +260,7 @@ class Kernels:
         """Return the PSF of a side order.
 
         Where hardly any light goes, the error may be a large share of it. The tolerance is
-        therefore relaxed, up to a relative error of 0.1: such an order hardly counts in the
-        picture.
+        therefore relaxed, up to .1: such an order hardly counts in the picture.
         """
         kept, tol = list(parts), self._s.numerics
         while True:
@@ -288,7 +285,7 @@ class Kernels:
     def _shadow_place(self, point: PointSource) -> tuple[float, float]:
         """Return the place from which a point sees the stop's shadow on the panel.
 
-        It is on the axis where only the lens' aberrations differ over the field.
+        It is on the axis if only the lens' aberrations differ over the field.
         """
         return point.place if self._recipe.places > 1 else (0.0, 0.0)
 
@@ -299,7 +296,7 @@ class Kernels:
     def _window(self, order: Order | None) -> Plane:
         """Return the plane of a PSF's window.
 
-        A side order is far from any image, so that all of its square window counts.
+        A side order is far from any image: all of its square window counts.
         """
         return self._around_orders if order and any(order) else self.plane
 
@@ -352,10 +349,9 @@ class Kernels:
     def _cell_shares(self, point: PointSource, order: Order) -> list[torch.Tensor]:
         """Return the share of each sample's light that belongs to a diffraction order.
 
-        It is the product of two, a column along y and a row along x, in the panel's axes. The
-        orders that are merged with the zeroth belong to it. The shares of all orders add up to 1.
-        Where two orders meet, one fades out as the other fades in: a PSF that ended abruptly would
-        cause ringing.
+        It is the product of a column along y and a row along x, in the panel's axes; those of all
+        orders add up to 1. Where two orders meet, one fades out as the other fades in: a PSF that
+        ended abruptly would cause ringing.
         """
         period, shares = self.period(point.wavelength), []
         for at, k in zip(self._around(point, order).mesh(), order, strict=True):
@@ -385,11 +381,10 @@ def _interference_psf(
 ) -> torch.Tensor:
     """Return the PSF of modulated_psf(), plus the interference with unmodulated light.
 
-    The interference is Re(strength conj(p) q), of the pattern's field p and the field q of light
-    that the panel doesn't modulate (see optics.polarisation.PathEffect). The sensor's field is
-    linear in the panel's, so that |p + a q|² contains the term, and no complex result is needed.
-    Light that the cover glass reflects is too far away to interfere, and light that jitter scatters
-    has no fixed phase.
+    It is Re(strength conj(p) q), of the pattern's field p and the field q of light that the panel
+    doesn't modulate (see optics.polarisation.PathEffect). The sensor's field is linear in the
+    panel's: |p + a q|² contains the term. Light that the cover glass reflects is too far away to
+    interfere, and light that jitter scatters has no fixed phase.
     """
     kept = list(parts)
     light = modulated_psf(operator, modulator, kept)

@@ -94,7 +94,7 @@ def image_vibration(s: Situation) -> float:
     """Return how far the image trembles during an exposure, metres rms along an axis.
 
     A vibration of frequency f and any phase leaves 1 - sinc²(f T) of its variance about the mean
-    place in an exposure T: all of it over many periods, and little in a small part of one.
+    place in an exposure T.
     """
     camera = s.camera
     if not camera.vibration:

@@ -38,10 +38,9 @@ class Wavelength:
 class Wavelengths:
     """The wavelength nodes of a picture, and the weights of its parts at them.
 
-    weights: (channels, parts, nodes). Times electrons_per_radiance() of a part's distance, they are
-    electrons per second and pixel where the part's picture is 1 and all light arrives. aslant: how
-    much more or less they are at the further angles of the filter's light, (angles - 1, channels,
-    parts, nodes).
+    weights: (channels, parts, nodes): times electrons_per_radiance(), electrons per second and
+    pixel where the part's picture is 1 and all light arrives. aslant: how much more or less they
+    are at further angles of the filter's light, (angles - 1, channels, parts, nodes).
     """
 
     nodes: tuple[Wavelength, ...]
@@ -52,9 +51,8 @@ class Wavelengths:
 def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Wavelengths:
     """Return the Gauss nodes of all light that counts, and each part's weights at them.
 
-    A part's weights are those of the interpolating polynomial through the nodes: they add up to all
-    of the part's electrons, for any number of nodes. Without light there are no nodes. The nodes
-    are the same for light of all angles.
+    The weights are those of the interpolating polynomial: they add up to all of a part's electrons,
+    for any number of nodes. Without light there are no nodes. They are the same for all angles.
     """
     curves = channel_efficiencies(s, recipe)
     spectra = [part.spectrum for part in parts]
@@ -108,9 +106,8 @@ def electrons_by_wavelength(
 ) -> tuple[Array, Array]:
     """Return the electrons by wavelength for light in a filter's band, or in its leak.
 
-    The result is points in metres that integrate all spectra, and each point's share of the
-    integral in electrons per joule of white light, (curves, spectra, points). There are no points
-    where no light is emitted or detected.
+    The result is points in metres, none without light, and each point's share of the integral in
+    electrons per joule of white light, (curves, spectra, points).
     """
     ends = band.leak_range if leak else band.support
     low, high = _seen_range(spectra, curves, *ends)
@@ -184,9 +181,9 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
     """Return the Gauss nodes of a sum of measures at points x, and each measure's weights at them.
 
     measures: (..., points), not negative. The weights, (..., nodes), integrate polynomials of a
-    degree below the number of nodes as the measure does; for the sum of the measures, up to twice
-    that, as Gauss' rule. There are fewer nodes than `count` if fewer points have any weight. Golub
-    and Welsch (1969), from the three-term recursion that Lanczos' method finds.
+    degree below the number of nodes as the measure does; for the sum, up to twice that. Points
+    without weight have no nodes. Golub and Welsch (1969), from the recursion that Lanczos' method
+    finds.
     """
     total = measures.sum(tuple(range(measures.ndim - 1)))
     mass = total.sum()
@@ -230,9 +227,8 @@ def electrons_per_radiance(camera: Camera, distance: float) -> float:
 def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:
     """Return for each distance the distances whose PSFs stand for it, and their weights.
 
-    `count` nodes are evenly spaced in 1/distance from the farthest to the nearest; a single node is
-    in the middle. PSFs between two nodes are their weighted mean. If there are as many nodes as
-    distances, or more, the nodes are the distances.
+    `count` nodes are evenly spaced in 1/distance from the farthest to the nearest; a single one is
+    in the middle. PSFs between two are their weighted mean. Fewer distances are their own nodes.
     """
     if count < 1:
         raise ValueError(f"{count} depths; there is one at least")
@@ -265,11 +261,10 @@ def field_nodes(count: int, half: float) -> list[float]:
 
 
 def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
-    """Return the weights that interpolate between nodes, (nodes, points).
+    """Return the weights that interpolate between nodes, (nodes, points), constant beyond them.
 
     They are those of the polynomial through the nodes, by the barycentric formula (Berrut and
-    Trefethen 2004, doi 10.1137/S0036144502417715). Beyond the outermost nodes, the polynomial's
-    value there is kept.
+    Trefethen 2004, doi 10.1137/S0036144502417715).
     """
     if len(nodes) == 1:
         return np.ones((1, len(at)))
@@ -293,8 +288,7 @@ _TABLE = 1025
 def angle_share(squared: Sequence[float], angle: int, camera: Camera, plane: Plane) -> torch.Tensor:
     """Return the weight of one of the filter's angles at each place of a plane, float32.
 
-    squared: sin² of all angles, between which bands are interpolated by a polynomial. Beyond the
-    outermost, its value there is kept.
+    squared: sin² of all angles, between which bands are interpolated by a polynomial.
     """
     table = np.linspace(0, squared[-1], _TABLE)
     share = interpolation_weights(squared, table)[angle]

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from optics.caching import ByteCache
+from optics.camera import Camera, Lens
+from optics.camera.pupil import share_through_stop
+from optics.formation import rfft2_frequencies
+from optics.plane import Plane
 from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels
 from simulator.formation.nodes import (
@@ -16,18 +22,81 @@ from simulator.formation.nodes import (
     rendered_angles,
 )
 from simulator.formation.sample_grid import SampleGrid
-from simulator.formation.vignetting import vignetting
+from simulator.mount import Mount
 from simulator.recipe import Recipe
 from simulator.scene.drawable import Drawable, UniformLight
 from simulator.scene.target import Layer
 from simulator.situation import Situation
 
+Array = NDArray[np.float64]
 
-def place_count(s: Situation, recipe: Recipe) -> int:
-    """Return the places along each axis of the field that have PSFs of their own."""
-    of_shadow = recipe.places if s.camera.separation else 1
-    of_lens = recipe.aberrated_places if s.camera.lens.field_aberrations else 1
-    return max(of_shadow, of_lens)
+_PLACES = 33
+"""Places along an axis at which the light through the stop is computed. Chosen."""
+
+
+def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
+    """Return each place's light over that on the axis, (rows, columns) float32 on a plane.
+
+    camera: in the panel's axes. Vignetting is that of the lens, times the panel's light that passes
+    the stop (share_through_stop()), which is interpolated between 33 x 33 places, the outermost on
+    the plane's edges; a plane of fewer samples needs no others.
+    """
+    y, x = plane.mesh()
+    share = _relative_illumination(camera.lens, y**2 + x**2)
+    if camera.separation:
+        share = share * _relative_stop_transmission(camera, mount, plane, distance)
+    return share.to(torch.float32)
+
+
+def _relative_illumination(lens: Lens, squared_height: torch.Tensor) -> torch.Tensor:
+    """Return the vignetting of the lens: its curve where light lands, or cos⁴.
+
+    The curve is linear in the squared height, m², which makes it smooth on the axis, and even
+    beyond its last pair.
+    """
+    if not lens.relative_illumination:
+        return (1 + squared_height / lens.image_distance**2) ** -2
+    height, share = np.array(lens.relative_illumination).T
+    squared = squared_height.numpy()
+    by = lens.radial_distortion
+    if by is not None:
+        squared = by.distorted(np.sqrt(squared)) ** 2
+    return torch.from_numpy(np.interp(squared, height**2, share))
+
+
+def _relative_stop_transmission(
+    camera: Camera, mount: Mount, plane: Plane, distance: float
+) -> torch.Tensor:
+    """Return the light through the stop by place, relative to that on the axis."""
+
+    def share(y: float, x: float) -> float:
+        return share_through_stop(
+            camera, distance, mount.place_in_panel_axes((y, x), camera, distance)
+        )
+
+    axis = share(0.0, 0.0)
+    if not axis:
+        raise ValueError(
+            "the stop hides the panel from the middle of the field; no light passes: move the "
+            "panel nearer to the lens, or open the stop"
+        )
+    ends = [(float(one.min()), float(one.max())) for one in plane.mesh()]
+    counts = (min(_PLACES, max(n, 2)) for n in plane.shape)
+    grid = [np.linspace(*end, count) for end, count in zip(ends, counts, strict=True)]
+    known = np.array([[share(float(y), float(x)) for x in grid[1]] for y in grid[0]])
+    down = _interpolate(known / axis, plane.coordinates(0).numpy(), grid[0])
+    return torch.from_numpy(_interpolate(down.T, plane.coordinates(1).numpy(), grid[1]).T)
+
+
+def _interpolate(values: Array, at: Array, nodes: Array) -> Array:
+    """Interpolate values linearly along the first axis, between evenly spaced nodes."""
+    step = nodes[1] - nodes[0]
+    if not step:
+        return np.repeat(values[:1], len(at), axis=0)
+    place = np.clip((at - nodes[0]) / step, 0, len(nodes) - 1)
+    low = np.minimum(place.astype(int), len(nodes) - 2)
+    share = (place - low)[:, None]
+    return values[low] * (1 - share) + values[low + 1] * share
 
 
 def field_effect(recipe: Recipe) -> str:
@@ -43,8 +112,8 @@ Place = tuple[float, float]
 class LayerPlacement:
     """Size and place of a layer's picture during an exposure cell.
 
-    shift: (y, x) metres on the object by which it has moved. path: (y, x) metres on the sensor
-    along which it moves.
+    shift: (y, x) metres on the object that it has moved. path: (y, x) metres on the sensor along
+    which it moves.
     """
 
     magnification: float
@@ -55,8 +124,7 @@ class LayerPlacement:
 class ObjectSpectra:
     """Spectra of a target's pictures, one for each place in the field and its PSF.
 
-    Vignetting and the weights of the places apply to the points that emit light, and so come before
-    any blur.
+    Vignetting and the weights of the places apply to the points that emit light, before any blur.
     """
 
     def __init__(
@@ -70,7 +138,10 @@ class ObjectSpectra:
         self._s, self._recipe, self._gathering, self._cache = s, recipe, gathering, cache
         self._kernels, self._plane = kernels, gathering.plane
         halves = [n * s.camera.sensor.pitch / 2 for n in s.camera.sensor.shape]
-        count = place_count(s, recipe)
+        # Places along each axis of the field that have PSFs of their own.
+        of_shadow = recipe.places if s.camera.separation else 1
+        of_lens = recipe.aberrated_places if s.camera.lens.field_aberrations else 1
+        count = max(of_shadow, of_lens)
         self._grid = [field_nodes(count, half) for half in halves]
         self._squared_sines = tuple(rendered_angles(s, recipe))
         self.places: list[Place] = [(y, x) for y in self._grid[0] for x in self._grid[1]]
@@ -80,8 +151,7 @@ class ObjectSpectra:
     ) -> LayerPlacement | None:
         """Return where and how large a layer's picture is during an exposure cell.
 
-        off: (y, x) metres on the sensor by which the picture is shifted further. None for a layer
-        at infinity that would have to be shifted.
+        off: (y, x) metres on the sensor by which it is shifted further: None if it is at infinity.
         """
         scale = self._s.camera.magnification(layer.distance)
         shift = cell.shift
@@ -93,13 +163,12 @@ class ObjectSpectra:
 
     def is_off_plane(self, picture: Drawable, layer: Layer, cell: ExposureCell, off: Place) -> bool:
         """Whether a picture shifted by `off` is wholly beside the samples."""
-        scale = self._s.camera.magnification(layer.distance)
+        scale, plane = self._s.camera.magnification(layer.distance), self._plane
         ends = picture.extent(scale, cell.shift)
-        plane = self._plane
-        halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
+        axes = zip(off, ends, cell.path, plane.shape, plane.pitch, strict=True)
         return any(
-            abs(away) - end - abs(path) * scale > half
-            for away, end, path, half in zip(off, ends, cell.path, halves, strict=True)
+            abs(away) - end - abs(path) * scale > n * pitch / 2
+            for away, end, path, n, pitch in axes
         )
 
     def picture_spectrum(
@@ -115,8 +184,10 @@ class ObjectSpectra:
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
         spectrum = self._gathering.spectrum(picture, where.magnification, where.shift, effect)
-        smear = self._gathering.motion_transfer(where.path)
-        return spectrum if smear is None else spectrum * smear
+        if not any(where.path):
+            return spectrum
+        fy, fx = rfft2_frequencies(self._plane)
+        return spectrum * torch.sinc(fy * where.path[0] + fx * where.path[1]).to(torch.float32)
 
     def light_spectra(
         self,
@@ -129,9 +200,8 @@ class ObjectSpectra:
         """Return the spectra of a picture's light for each place, with vignetting.
 
         off: (y, x) metres on the sensor by which the picture was shifted further. angle: number of
-        the angle at the filter by whose share of each point's light the picture is weighted; 0 for
-        none. For uniform light without it, the spectra are those of the deviation from uniform that
-        vignetting causes, if any: see is_uniform().
+        the angle at the filter by whose share the light is weighted; 0 for none. Uniform light
+        without it (see is_uniform()) has only what vignetting takes from it.
         """
         even = self.is_uniform(picture) and not angle
         if even and not self._recipe.vignetting:

@@ -18,10 +18,9 @@ from optics.zernike import zernike
 class RayOperator:
     """Compute the geometric PSF of the panel's field, as a PSFOperator does for waves.
 
-    camera, distance, wavelength, pixels, field: as for a PSFOperator. Every panel pixel is a bundle
-    of rays, which the slope of its wavefront deflects: that of panel, lens and aberrations
-    together. Between pixels the slope is interpolated. The light on the samples is a share of the
-    light that leaves the pupil.
+    Parameters are those of a PSFOperator. Every panel pixel is a bundle of rays, which the slope of
+    its wavefront deflects: that of panel, lens and aberrations together, interpolated between
+    pixels. The light on the samples is a share of the light that leaves the pupil.
     """
 
     def __init__(

@@ -81,8 +81,7 @@ def slanted_edge(
     Raises
     ------
     ValueError
-        If the angle is outside its range, `size` isn't positive, or the reflectances aren't from
-        0 to 1 with `dark` below `bright`.
+        For a number outside its range, or `dark` not below `bright`.
     """
     require_positive("size", size, "m")
     _require_tones(dark, bright)
@@ -116,10 +115,8 @@ def siemens_star(
         Diameter of the star in metres, positive. The sheet's side is 1.1 diameters.
     spokes : int, default 36
         Number of dark spokes, 2 or more.
-    dark, bright : float
-        Reflectances of spokes and sheet, 0 to 1, by default those of ink and paper.
-    offset : tuple of float, default (0.0, 0.0)
-        Position (y, x) of the star's middle relative to the axis, metres on the object.
+    dark, bright, offset : optional
+        Of spokes, sheet and star; see `slanted_edge`.
 
     Returns
     -------
@@ -129,8 +126,7 @@ def siemens_star(
     Raises
     ------
     ValueError
-        If there are fewer than 2 spokes, the diameter isn't positive, or the reflectances aren't
-        from 0 to 1 with `dark` below `bright`.
+        For a number outside its range, or `dark` not below `bright`.
     """
     require_positive("diameter", diameter, "m")
     _require_tones(dark, bright)
@@ -161,10 +157,8 @@ def line_pairs(group: int, element: int) -> float:
 
     Parameters
     ----------
-    group : int
-        Number of the group.
-    element : int
-        Number of the element in its group, 1 to 6.
+    group, element : int
+        Numbers of the group, and of the element in it, 1 to 6.
 
     Returns
     -------
@@ -206,22 +200,18 @@ def usaf_1951(
     ----------
     groups : tuple of int, default (-2, 1)
         The first and the last group, from -4 to 9, ascending.
-    dark, bright : float
-        Reflectances of bars and sheet, 0 to 1, by default those of ink and paper.
-    offset : tuple of float, default (0.0, 0.0)
-        Position (y, x) of the chart's middle relative to the axis, metres on the object.
+    dark, bright, offset : optional
+        Of bars, sheet and chart; see `slanted_edge`.
 
     Returns
     -------
     Polygons
-        The chart, whose first polygon is the sheet. The sheet's margin is two widths of the widest
-        bar.
+        The chart, whose first polygon is the sheet, with a margin of two widest bars.
 
     Raises
     ------
     ValueError
-        If the groups are outside their range or descend, or the reflectances aren't from 0 to 1
-        with `dark` below `bright`.
+        For groups outside their range or descending, or `dark` not below `bright`.
     """
     _require_tones(dark, bright)
     first, last = groups
@@ -287,8 +277,7 @@ def checker(
     Raises
     ------
     ValueError
-        If the number of reflectances isn't 24, their wavelengths differ, or the width isn't
-        positive.
+        For other reflectances, or a width that isn't positive.
     """
     require_positive("width", width, "m")
     rows, columns = 4, 6

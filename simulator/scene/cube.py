@@ -61,8 +61,7 @@ class Cube(FramedPicture):
     radiance : float
         Spectral radiance of white, W / (sr m² m), not negative.
     tol : float, default 5e-3
-        Relative error with which the pixels' spectra are replaced by mixtures of fewer spectra,
-        from 0 to below 1.
+        Relative error, 0 to below 1, of replacing the spectra by mixtures of fewer ones.
     light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     cover, height, offset, side : optional
@@ -71,8 +70,7 @@ class Cube(FramedPicture):
     Raises
     ------
     ValueError
-        If the image has no three axes, isn't finite or is negative, if the number of wavelengths
-        isn't that of its bands, or if `tol` is outside its range.
+        For an image, wavelengths or `tol` other than these.
     """
 
     image: torch.Tensor
@@ -102,10 +100,7 @@ class Cube(FramedPicture):
         samples = self.image.reshape(-1, self.image.shape[2]).numpy().astype(np.float64)
         weights, basis = factorise_spectra(samples, self.tol)
         pictures = weights.T.reshape(-1, *self.shape).astype(np.float32)
+        spectra = (Spectrum(self.wavelengths, tuple(one)) for one in basis)
         return tuple(
-            (
-                extend_to_silicon_range(Spectrum(self.wavelengths, tuple(one))),
-                torch.from_numpy(picture),
-            )
-            for one, picture in zip(basis, pictures, strict=True)
+            zip(map(extend_to_silicon_range, spectra), map(torch.from_numpy, pictures), strict=True)
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -47,10 +48,7 @@ class _Pixels(ABC):
 class FramedPicture(_Pixels, Target):
     """Target that is a picture of pixels.
 
-    cover: side of the picture over side of the frame, along the axis where this ratio is smaller;
-    what exceeds the frame lies beyond its edges. height: of the picture at the object in metres;
-    it replaces `cover` if it is given. offset: (y, x) metres from the axis to the picture's middle.
-    side: of its pixels on the sensor, metres; for_camera() sets it.
+    cover, height, offset, side: as of PhotographPrint.
     """
 
     cover: float = 1.05
@@ -100,10 +98,13 @@ class FramedPicture(_Pixels, Target):
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        parts = tuple(
-            Part(self.reflected_radiance(s), self.place_image(image)) for s, image in self.images
+        return (Layer(self.distance, self.painted_parts(self.images)),)
+
+    def painted_parts(self, images: Iterable[tuple[Spectrum, torch.Tensor]]) -> tuple[Part, ...]:
+        """Return the parts whose light reflectances and pictures make."""
+        return tuple(
+            Part(self.reflected_radiance(one), self.place_image(image)) for one, image in images
         )
-        return (Layer(self.distance, parts),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +124,7 @@ class PhotographPrint(FramedPicture):
     light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     cover : float, default 1.05
-        Side of the picture over side of the frame, along the axis where this ratio is smaller;
-        what exceeds the frame lies beyond its edges.
+        Side of the picture over side of the frame, along the axis where this ratio is smaller.
     height : float, optional
         Height of the picture at the object in metres, which replaces `cover`.
     offset : tuple of float, default (0.0, 0.0)

@@ -34,7 +34,7 @@ def _one(alike: Sequence[WeightedPicture]) -> WeightedPicture:
         return first, weight
     if isinstance(first, PixelPicture):
         image = sum(p.image * w for p, w in alike if isinstance(p, PixelPicture))
-        return replace(first, image=image), 1.0
+        return replace(first, image=image), 1.0  # type: ignore[arg-type]
     assert isinstance(first, Polygons)
     both = [(p, w) for p, w in alike if isinstance(p, Polygons)]
     values = tuple(sum(p.values[k] * w for p, w in both) for k in range(len(first.values)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -16,10 +16,10 @@ from optics.plane import Plane
 from optics.validation import require_finite
 from simulator.scene.drawable import STILL, Drawable, Shift
 
+Matrix: TypeAlias = "sparse.csr_array[Any, Any]"
 
-def averaging_matrix(
-    pixels: int, side: float, middle: float, edges: NDArray[np.float64]
-) -> sparse.csr_array[Any, Any]:
+
+def averaging_matrix(pixels: int, side: float, middle: float, edges: NDArray[np.float64]) -> Matrix:
     """Return the matrix (cells, pixels) that averages interpolated pixels over cells.
 
     The matrix is for one axis, in float32. The values are linear between the middles of the pixels
@@ -55,7 +55,7 @@ def window_matrix(
     middle: float,
     window: tuple[float, float],
     edges: NDArray[np.float64],
-) -> sparse.csr_array[Any, Any]:
+) -> Matrix:
     """Return the matrix (cells, pixels) of how much of each cell a pixel's window lights.
 
     An element is the share of the cell that the pixel's window lights. The matrix is for one axis
@@ -70,9 +70,8 @@ def window_matrix(
     cell = first[:, None] + np.arange(most)
     seen = (cell >= 0) & (cell < shape[0])
     inside = np.clip(cell, 0, shape[0] - 1)
-    overlap = np.minimum(edges[inside + 1], end[:, None]) - np.maximum(
-        edges[inside], start[:, None]
-    )
+    begins, ends = np.maximum(edges[inside], start[:, None]), edges[inside + 1]
+    overlap = np.minimum(ends, end[:, None]) - begins
     share = np.where(seen, np.maximum(overlap, 0), 0.0) / np.diff(edges)[inside]
     pixel = np.broadcast_to(np.arange(pixels)[:, None], cell.shape)
     lit = share > 0
@@ -141,17 +140,19 @@ class PixelPicture(Drawable):
         side = self._side_on_sensor(magnification)
         if side == 0:
             return torch.zeros(plane.shape)
-        along = [
-            averaging_matrix(
-                self.image.shape[axis],
-                side,
-                (self.offset[axis] + shift[axis]) * magnification,
-                edges(plane, axis),
+        matrices = [
+            averaging_matrix(n, side, (offset + moved) * magnification, edges(plane, axis))
+            for axis, n, offset, moved in zip(
+                (0, 1), self.image.shape, self.offset, shift, strict=True
             )
-            for axis in (0, 1)
         ]
-        values = self.image.to(torch.float32).numpy()
-        return torch.from_numpy(np.ascontiguousarray((along[1] @ (along[0] @ values).T).T))
+        return along_both_axes(self.image, *matrices)
+
+
+def along_both_axes(image: torch.Tensor, down: Matrix, across: Matrix) -> torch.Tensor:
+    """Multiply a picture by matrices (cells, pixels) along its columns and rows, float32."""
+    values = image.to(torch.float32).numpy()
+    return torch.from_numpy(np.ascontiguousarray((across @ (down @ values).T).T))
 
 
 def edges(plane: Plane, axis: int) -> NDArray[np.float64]:

@@ -154,14 +154,11 @@ def rectangle(
     """
     cos, sin = math.cos(angle), math.sin(angle)
     half_y, half_x = size[0] / 2, size[1] / 2
-    signs = ((-1, -1), (-1, 1), (1, 1), (1, -1))
-    return tuple(
-        (
-            centre[0] + sy * half_y * cos + sx * half_x * sin,
-            centre[1] + sx * half_x * cos - sy * half_y * sin,
-        )
-        for sy, sx in signs
-    )
+    corners = []
+    for sy, sx in ((-1, -1), (-1, 1), (1, 1), (1, -1)):
+        y = centre[0] + sy * half_y * cos + sx * half_x * sin
+        corners.append((y, centre[1] + sx * half_x * cos - sy * half_y * sin))
+    return tuple(corners)
 
 
 def brick(
@@ -183,13 +180,8 @@ def brick(
     (height, width), (y, x) = size, offset
     body = rectangle(offset, size)
     foot = rectangle((y + height * (1 - foot_share) / 2, x), (height * foot_share, width))
-    cell = width / studs
-    tops = tuple(
-        rectangle(
-            (y - height * (1 + stud_height) / 2, x + (k - (studs - 1) / 2) * cell),
-            (height * stud_height, cell * stud_width),
-        )
-        for k in range(studs)
-    )
+    cell, top = width / studs, y - height * (1 + stud_height) / 2
+    places = [(top, x + (k - (studs - 1) / 2) * cell) for k in range(studs)]
+    tops = [rectangle(one, (height * stud_height, cell * stud_width)) for one in places]
     tones = (1.0, foot_tone - 1, *[stud_tone] * studs)
     return Polygons((body, foot, *tops), tones), Polygons((body, *tops), (1.0,) * (1 + studs))

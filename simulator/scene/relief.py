@@ -14,7 +14,7 @@ from optics.light.spectrum import Spectrum
 from optics.validation import require_positive
 from simulator.scene.colours import Basis, primaries
 from simulator.scene.framed import FramedPicture, colour_planes, require_colours
-from simulator.scene.target import Layer, Part
+from simulator.scene.target import Layer
 
 
 def distances_of(
@@ -28,10 +28,8 @@ def distances_of(
     ----------
     disparity : ndarray
         Disparity in pixels, of any shape; NaN where it is unknown.
-    baseline : float
-        Distance between the cameras in metres, positive.
-    focal : float
-        Focal length in pixels, positive.
+    baseline, focal : float
+        Distance between the cameras in metres, and focal length in pixels, positive.
     offset : float, default 0.0
         Number of pixels that is added to the disparity.
 
@@ -43,8 +41,7 @@ def distances_of(
     Raises
     ------
     ValueError
-        If a disparity with its offset isn't positive, so that the object isn't in front of the
-        cameras.
+        If a disparity with its offset isn't positive: the object isn't before the cameras.
     """
     require_positive("baseline", baseline, "m")
     require_positive("focal", focal, "pixels")
@@ -75,8 +72,8 @@ class Relief(FramedPicture):
         Spectral radiance of white, W / (sr m² m), not negative.
     levels : int, default 8
         Number of depth layers, 1 to 64, at even steps of the inverse distance.
-    basis : tuple of Spectrum, default primaries()
-        Reflectances of red, green and blue.
+    basis : tuple of Spectrum, optional
+        See `PhotographPrint`.
     light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     cover, height, offset, side : optional
@@ -85,8 +82,7 @@ class Relief(FramedPicture):
     Raises
     ------
     ValueError
-        If the image isn't a finite colour picture, `depths` has another shape or values that
-        aren't positive and finite, or `levels` is outside its range.
+        For an image, `depths` or `levels` other than these.
     """
 
     image: torch.Tensor
@@ -134,17 +130,11 @@ class Relief(FramedPicture):
                 filled = near & (behind == far) & (covers[far] == 0)
                 covers[far][filled] = 1
                 shown[far][filled] = colours[where][filled]
-        return tuple(
-            Layer(
-                distance,
-                tuple(
-                    Part(self.reflected_radiance(reflectance), self.place_image(plane))
-                    for reflectance, plane in colour_planes(self.basis, torch.from_numpy(picture))
-                ),
-                self.place_image(torch.from_numpy(cover)),
-            )
-            for distance, picture, cover in zip(distances, shown, covers, strict=True)
-        )
+        found = []
+        for distance, picture, cover in zip(distances, shown, covers, strict=True):
+            parts = self.painted_parts(colour_planes(self.basis, torch.from_numpy(picture)))
+            found.append(Layer(distance, parts, self.place_image(torch.from_numpy(cover))))
+        return tuple(found)
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -143,8 +143,8 @@ class Flat(Target):
     Parameters
     ----------
     distance : float
-        Distance from the panel in metres, positive. The blur has no effect on an even field, but
-        it is rendered, and it is smallest in focus.
+        Distance from the panel in metres, positive. The blur, which has no effect on an even field,
+        is rendered: it is smallest in focus.
     radiance : float
         Spectral radiance, W / (sr m² m), not negative.
     light, lamp, velocity, polarisation_angle, speckle, name : optional
