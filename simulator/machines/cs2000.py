@@ -6,6 +6,7 @@ Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specif
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import struct
@@ -62,13 +63,11 @@ def colorimetric_values(
     values = {"Le": float(per_nm.sum()) * step * 1e9}
     for observer, names in ((2, _NAMES_2_DEGREES), (10, _NAMES_10_DEGREES)):
         xyz = tristimulus(wavelengths_m, per_nm * 1e9, observer)
+        given = wavelengths_m, xyz, observer
         numbers = (
-            *xyz,
-            *chromaticity(xyz),
-            *uniform_chromaticity(xyz),
-            *colour_temperature(wavelengths_m, xyz, observer),
-            *dominant_wavelength(wavelengths_m, xyz, observer),
-        )
+            *xyz, *chromaticity(xyz), *uniform_chromaticity(xyz),
+            *colour_temperature(*given), *dominant_wavelength(*given),
+        )  # fmt: skip
         values |= dict(zip(names, map(float, numbers), strict=True))
     values["Lv"] = values["Y"]
     return values
@@ -234,37 +233,45 @@ class CS2000Machine(FaultyMachine):
         if self._measuring and not self._measuring.in_main_phase:
             # The instrument ignores commands during the pre-measurement, which finds the exposure.
             return []
+        text = self._answer(command, t)
+        if text is not None:
+            return self._queue_reply(text, t)
+        return [Reply(self._measuring.until, b"")] if self._measuring else []
+
+    def _answer(self, command: str, t: float) -> str | None:
+        """Carry out a command, and return its reply; None if a measurement has begun."""
         name, *parameters = command.split(",")
         if "error code" in self._faults:
-            return self._queue_reply("ER99", t)
+            return "ER99"
         if name != "RMTS" and not self.settings.remote:
-            return self._queue_reply("ER00", t)
-        if self._measuring and name == "MEDR":
-            return self._queue_reply("ER02", t)
+            return "ER00"
         if self._measuring and name != "MEAS":
-            return self._queue_reply("ER00", t)
-        work = self._medr if name == "MEDR" else self.settings.command_handler(name)
-        if work is None and name != "MEAS":
-            return self._queue_reply("ER00", t)
-        if any(not re.fullmatch(r"[0-9]{1,9}", p) for p in parameters):
-            return self._queue_reply("ER17", t)
-        numbers = [int(p) for p in parameters]
+            return "ER02" if name == "MEDR" else "ER00"
+        work: Callable[[list[int]], str | None] | None = self.settings.command_handler(name)
+        if name == "MEDR":
+            work = self._medr
+        if name == "MEAS":
+            work = functools.partial(self._meas, t)
         if work is None:
-            return self._meas(numbers, t)
-        answer = work(numbers)
+            return "ER00"
+        if any(not re.fullmatch(r"[0-9]{1,9}", p) for p in parameters):
+            return "ER17"
+        answer = work([int(p) for p in parameters])
         if answer == "OK00":
             self.settings.store(name)
-        return self._queue_reply(answer, t)
+        return answer
 
-    def _meas(self, given: list[int], t: float) -> list[Reply]:
+    def _meas(self, t: float, given: list[int]) -> str | None:
+        """Answer the command MEAS: begin a measurement, or abort it."""
         if len(given) != 1:
-            return self._queue_reply("ER00", t)
+            return "ER00"
         if given[0] > 1 or bool(given[0]) == (self._measuring is not None):
-            return self._queue_reply("ER17", t)
+            return "ER17"
         if given[0]:
-            return self._start(t)
+            self._start(t)
+            return None
         self._measuring = None
-        return self._queue_reply("OK00", t)
+        return "OK00"
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
         """Begin a measurement, and return its wake-up call."""
