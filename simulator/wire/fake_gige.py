@@ -1,8 +1,9 @@
-"""A GigE Vision camera on the loopback, whose pictures this process renders."""
+"""A GigE Vision camera on the loopback, whose pictures this process renders, and its faults."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import mmap
 import signal
 import socket
@@ -10,8 +11,9 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +25,51 @@ from drivers.hosted.calls import CallRequest, CallResult, Notification
 from drivers.hosted.child_process import ChildProcess
 from drivers.hosted.message_socket import LineClosed, MessageTimeout
 from drivers.interfaces import Clock
-from simulator.wire.camera_faults import CameraFault
 from simulator.wire.camera_xml import FEATURES, apply_features, genicam_xml, register_of
 from simulator.wire.gige_process import HEADER_BYTES, GigERegister
+from simulator.world import World
+
+CameraFaultKind = Literal[
+    "lost packets",
+    "missing frame",
+    "late frame",
+    "corrupt frame",
+    "stale frame",
+    "wrong exposure",
+    "stopped stream",
+    "heartbeat loss",
+    "silence",
+    "disconnect",
+]
+"""Kinds of faults, by name.
+
+lost packets: half of a frame's packets don't arrive. missing frame: no packet of a frame arrives.
+late frame: a frame comes 1.5 s too late. corrupt frame: a frame's leader reports another size.
+stale frame: a new exposure takes effect three frames late. wrong exposure: the camera doubles its
+exposure by itself, and reports it when asked. stopped stream: triggers have no effect. heartbeat
+loss: the camera forgets which program controls it. silence: it neither receives nor sends.
+disconnect: it is gone, and returns in the state after power-up."""
+
+CAMERA_FAULT_KINDS: tuple[CameraFaultKind, ...] = get_args(CameraFaultKind)
+
+
+@dataclass(frozen=True)
+class CameraFault:
+    """One fault of a GigE camera.
+
+    kind: one of CAMERA_FAULT_KINDS. at: time at which it begins, in seconds of the bench's clock.
+    seconds: its duration.
+    """
+
+    kind: CameraFaultKind
+    at: float = 0.0
+    seconds: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.kind not in CAMERA_FAULT_KINDS:
+            raise ValueError(f"kind is {self.kind!r}; choose {', '.join(CAMERA_FAULT_KINDS)}")
+        if not self.seconds > 0:
+            raise ValueError(f"seconds is {self.seconds:g}; it must be positive")
 
 
 def pack_pixels(image: NDArray[np.uint16], form: PixelFormat) -> NDArray[np.uint8]:
@@ -56,6 +100,27 @@ in decibels."""
 
 PackPixels = Callable[[NDArray[np.uint16], PixelFormat], NDArray[np.uint8]]
 """Function that packs a picture into the bytes that are sent."""
+
+
+def frame_renderer(world: World) -> RenderImage:
+    """Return the `render` function that shows the virtual bench to a `FakeGigECamera`.
+
+    Each picture has its own noise and shows the bench in its state at that time. Numbers that the
+    gain raises above the sensor's full scale are clipped there.
+    """
+    # A running camera may request two frames at once, and the world has only one state.
+    turn = threading.Lock()
+
+    def render_frame(exposure: float, gain_db: float) -> NDArray[np.uint16]:
+        with turn:
+            stream, _ = world.stream(exposure)
+            image = stream.frame(world.random_generator())
+        if not gain_db:
+            return image
+        more = np.rint(image * 10 ** (gain_db / 20))
+        return np.minimum(more, world.camera.sensor.full_scale).astype(np.uint16)
+
+    return render_frame
 
 
 class NoAravis(OSError):
@@ -144,8 +209,7 @@ class FakeGigECamera:
             except FileNotFoundError as error:
                 raise NoAravis(f"no Python with gi: {error}") from error
             self._memory = mmap.mmap(self._process.line.memory, 0)
-            self._ended = False
-            self._sent, self._set = "", 0
+            self._ended, self._sent, self._set = False, "", 0
             self._obeyed_event = threading.Event()
             self._counting, self._scripting = threading.Lock(), threading.RLock()
             stack.callback(self._close)

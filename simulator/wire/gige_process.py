@@ -77,29 +77,24 @@ class GigEMachine:
         self._aravis, self._start_settings = aravis, given
         self._memory = mmap.mmap(memory, 0)
         self._base = ctypes.addressof(ctypes.c_char.from_buffer(self._memory))
-        self._library = ctypes.CDLL("libaravis-0.8.so.0")
-        self._library.arv_buffer_get_data.restype = ctypes.c_void_p
-        self._library.arv_buffer_get_frame_id.restype = ctypes.c_uint64
-        self._library.arv_buffer_get_frame_id.argtypes = [ctypes.c_void_p]
-        self._library.arv_buffer_get_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
-        pointer = ctypes.c_void_p
-        fill = self._library.arv_fake_camera_set_fill_pattern
-        fill.argtypes = [pointer, _FILL, pointer, pointer]
-        self._callback = _FILL(self._fill_buffer)
+        pointer, library = ctypes.c_void_p, ctypes.CDLL("libaravis-0.8.so.0")
+        library.arv_buffer_get_data.restype = pointer
+        library.arv_buffer_get_data.argtypes = [pointer, pointer]
+        library.arv_buffer_get_frame_id.restype = ctypes.c_uint64
+        library.arv_buffer_get_frame_id.argtypes = [pointer]
+        library.arv_fake_camera_set_fill_pattern.argtypes = [pointer, _FILL, pointer, pointer]
+        self._library, self._callback = library, _FILL(self._fill_buffer)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._exposure_history: deque[int] = deque(maxlen=9)
         self._key: Any = None
-        self._places: list[int] = []
-        self._turn = 0
-        self._next: int | None = None
         self._pending_key: Any = None
         self._request: dict[str, Any] = {}
+        self._places: list[int] = []
+        self._next: int | None = None
+        self._turn = self._pulses = self._size = 0
         self._arrived = threading.Condition()
-        self._pulses = 0
-        self._size = 0
         self.leader: dict[str, Any] = {}
-        self.latency = int(given["latency"])
-        self.fault = ""
+        self.latency, self.fault = int(given["latency"]), ""
         self.ask: Any = None
         self._plug_in()
         threading.Thread(target=self._serve_triggers, daemon=True).start()
@@ -130,9 +125,8 @@ class GigEMachine:
             self._server = self._fake = None
         elif before == "disconnect" and kind != before:
             self._plug_in()
-        fake = self._fake
-        if fake is not None and kind == "heartbeat loss":
-            fake.write_register(GigERegister.PRIVILEGE, 0)
+        if kind == "heartbeat loss":
+            self._write(GigERegister.PRIVILEGE, 0)
 
     def set_leader(self, leader: dict[str, Any]) -> None:
         """Set what the frames' leaders tell; see FakeGigECamera."""

@@ -49,8 +49,7 @@ class SimulatedLine:
         self._coming: list[tuple[float, int, int]] = []
         self._free_there = self._free_here = -math.inf
         self._faults: dict[str, list[WireFault]] = {}
-        self._cleared_unplugs = 0
-        self._now = -math.inf
+        self._cleared_unplugs, self._now = 0, -math.inf
         self._machine_faults: tuple[str, ...] = ()
         self._lock = threading.RLock()
 
@@ -77,7 +76,9 @@ class SimulatedLine:
     def next_event_time(self) -> float:
         """Return when something may happen next; infinite if nothing will."""
         with self._lock:
-            return min(map(_first_time, (self._going, self._leaving, self._coming)))
+            return min(
+                _first_time(self._going), _first_time(self._leaving), _first_time(self._coming)
+            )
 
     def inject(self, fault: WireFault) -> None:
         """Add a fault.
@@ -161,8 +162,7 @@ class SimulatedLine:
         late = 0.0
         if not echo:
             if self._drawn_fault("garbage", t):
-                length = int(self._rng.integers(1, 2 * len(data) + 1))
-                data = self._rng.bytes(length)
+                data = self._rng.bytes(int(self._rng.integers(1, 2 * len(data) + 1)))
             if self._drawn_fault("truncated", t):
                 data = data[: int(self._rng.integers(len(data)))]
             if self._drawn_fault("duplicated", t):

@@ -102,17 +102,13 @@ class Plug:
     """
 
     def __init__(self, machine: UsbMachine, clock: Clock, seed: int) -> None:
-        self.machine = machine
+        self.machine, self._clock, self._noise = machine, clock, PacketFaults(seed)
         self.denied = self.busy = False
-        self.kernel_driver = True
-        self.address = 1
-        self._clock = clock
-        self._noise = PacketFaults(seed)
+        self.kernel_driver, self.address = True, 1
         # Drivers and the bench, which adds and checks faults, call from several threads.
         self._turn = threading.RLock()
         self._faults: list[WireFault] = []
-        self._disconnect_count = 0
-        self._is_plugged_in = True
+        self._disconnect_count, self._is_plugged_in = 0, True
         self._reports: dict[int, list[Packet]] = {}
         self._machine_fault: str | None = None
 

@@ -31,8 +31,7 @@ from simulator.machines.usb_wheels import ZwoWheelMachine
 from simulator.machines.varispec import VariSpecMachine
 from simulator.screens import xvfb
 from simulator.wire import SimulatedLine, WireFault
-from simulator.wire.camera_faults import CameraFault
-from simulator.wire.fake_gige import FakeGigECamera
+from simulator.wire.fake_gige import CameraFault, FakeGigECamera
 from simulator.wire.pty import PtyLine
 from simulator.wire.usb_backend import UsbBus
 from simulator.wire.usb_remote import UsbServer, backend_option
