@@ -1,16 +1,14 @@
 """The mount of the panel before the sensor: rotation, mirroring and shift of the panel's axes.
 
-What a pattern does to a picture turns and flips with the panel; the scene doesn't. A PSF is
-computed in the panel's axes on a finer and larger grid, and then resampled in the sensor's axes.
-Flips and quarter turns move whole samples. The rest of the rotation evaluates the Fourier series
-through the samples, because the pupil limits how fine a PSF's fringes are.
+A PSF is computed in the panel's axes on a finer and larger grid, and then resampled in the sensor's
+axes. Flips and quarter turns move whole samples. The rest of the rotation evaluates the Fourier
+series through the samples, because the pupil limits how fine a PSF's fringes are.
 
 Seen from a panel that is shifted by s, the lens with its stop and its aberrations is shifted by -s.
-The quadratic phase of a thin lens that is shifted is the same phase about the panel's middle and a
-prism. To paraxial order, a shift therefore has three effects: the stop and the aberrations lie
-elsewhere on the panel; the light of an object crosses the panel at another angle, which matters if
-the lens stands apart; and an image out of focus moves with the panel, by s times image distance
-times defocus. In focus, the image stays where it is.
+The quadratic phase of a shifted thin lens is the same phase about the panel's middle and a prism.
+To paraxial order, stop and aberrations then lie elsewhere on the panel; the light of an object
+crosses the panel at another angle, which matters if the lens stands apart; and an image out of
+focus moves with the panel, by s times image distance times defocus.
 """
 
 from __future__ import annotations
@@ -43,9 +41,9 @@ def shift_aberrations(
 ) -> ZernikeTerms:
     """Return a lens' Zernike coefficients over a disc whose middle (y, x) lies beside the axis.
 
-    Lengths are in stop radii; `radius` is that of the disc. A polynomial over another disc is a sum
-    of polynomials of its degree and lower ones. The sum is found by solving at as many points as
-    determine it. Its mean, which has no effect, is left out.
+    Lengths are in stop radii; `radius` is the disc's. A polynomial over another disc is a sum of
+    those of its degree and lower ones, found by solving at as many points as determine it, without
+    its mean, which has no effect.
     """
     terms = tuple((n, m, as_number(path)) for n, m, path in terms)
     if not terms or ((y, x) == (0.0, 0.0) and radius == 1):
@@ -78,9 +76,9 @@ its fringes need, loses 2e-6 of its light."""
 class Mount:
     """How the panel is mounted before the sensor; it is mirrored first and then rotated.
 
-    rotation: radians from x (columns) towards y (rows), by which a pattern's PSF is turned on the
-    sensor. flip_x, flip_y: whether light that a pattern sends to larger x, or y, arrives at
-    smaller x, or y. shift: metres (y, x) in the lens' axes from its axis to the panel's middle.
+    rotation: radians from x (columns) towards y (rows), by which a PSF is turned on the sensor.
+    flip_x, flip_y: whether light that a pattern sends to larger x, or y, arrives at smaller x, or
+    y. shift: metres (y, x) in the lens' axes from its axis to the panel's middle.
     """
 
     rotation: float = 0.0
@@ -113,8 +111,7 @@ class Mount:
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
         """Return a lens that is aligned with the sensor as seen in the panel's axes.
 
-        Raises ValueError for a shifted panel before a lens that isn't thin, whose phase isn't
-        quadratic.
+        Raises ValueError for a shifted panel before a lens whose phase isn't quadratic.
         """
         if not self.is_centred and lens.kind != "thin":
             raise ValueError(
@@ -168,8 +165,7 @@ class Mount:
     def _aberrations(self, lens: Lens) -> tuple[tuple[int, int, float], ...]:
         """Return the lens' Zernike coefficients in the panel's axes.
 
-        Rotation mixes the cosine and sine terms of the same degree and order. The panel's angle t
-        is the lens' angle c + s t.
+        Rotation mixes cosine and sine terms. The panel's angle t is the lens' angle c + s t.
         """
         c = self.rotation + (math.pi if self.flip_x else 0.0)
         s = -1 if self.flip_x != self.flip_y else 1
@@ -183,21 +179,20 @@ class Mount:
         return tuple((n, m, path) for (n, m), path in turned.items())
 
     def place_in_panel_axes(self, place: Point, camera: Camera, distance: float) -> Point:
-        """Transform the place of a point's image to the panel's axes.
+        """Transform the place of a point's image, metres (y, x) on the sensor, to the panel's axes.
 
-        place: metres (y, x) on the sensor. distance: metres from the point to the panel. The result
-        is the place at which a lens before the panel's middle would image the point.
+        It is the place at which a lens before the panel's middle would image the point, `distance`
+        metres from the panel.
         """
         scale = camera.magnification(distance)
         y, x = (one + scale * away for one, away in zip(place, self.shift, strict=True))
         return self._point((y, x))
 
     def image_shift(self, camera: Camera, distance: float) -> Point:
-        """Return how far the panel's shift moves a point's image, metres (y, x).
+        """Return how far the panel's shift moves the image of a point at a distance, metres (y, x).
 
-        The point is `distance` metres from the panel. Every ray of a point out of focus lands
-        beside the image by its height at the lens times image distance times defocus in dioptres.
-        The result is in the sensor's axes.
+        Every ray of a point out of focus lands beside the image by its height at the lens times
+        image distance times defocus in dioptres.
         """
         lens, away = camera.lens, object_to_lens_distance(camera, distance)
         vergence = 1 / away - 1 / as_number(lens.focus_distance)
@@ -209,10 +204,9 @@ class Mount:
         return self._point(self.image_shift(camera, distance))
 
     def plane_in_panel_axes(self, plane: Plane) -> Plane:
-        """Return the plane in the panel's axes on which to compute a PSF.
+        """Return the plane in the panel's axes on which to compute a PSF for a square plane.
 
-        plane: the square plane around the axis on which the PSF is needed in the sensor's axes. The
-        result has the same number of samples on both sides of the origin.
+        It has the same number of samples on both sides of the origin.
         """
         side, (_, rest) = max(plane.shape), self._turns
         if rest:

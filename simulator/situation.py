@@ -26,9 +26,8 @@ from simulator.scene.target import Target
 class SituationCache:
     """Results that were computed for a situation; they are deleted with it.
 
-    picture_probe, pattern_probe: None until they are first needed, or until those of another
-    situation are put here. are_estimates: whether the results are estimates; else they are bounds.
-    results: all other results, under the arguments that they depend on.
+    picture_probe, pattern_probe: None until needed. are_estimates: whether the results are
+    estimates; else they are bounds. results: all others, under the arguments that they depend on.
     """
 
     picture_probe: PictureProbe | None = None
@@ -41,12 +40,10 @@ class SituationCache:
 class Situation:
     """All that a picture, and each decision about its effects, may depend on.
 
-    camera: the real camera with its sensor. mount: rotation, mirroring and shift of the panel.
-    target: what stands before the camera, with its light. band: what the filter transmits.
-    panel_content: what the panel shows. exposure_start, exposure: seconds; with a rolling shutter,
-    those of the first row. path: what polariser, panel and splitter do to the two polarisations, or
-    None where the bench doesn't say. numerics: relative error that numerical methods may make.
-    cache: results that were computed for this situation.
+    camera: the real one. exposure_start, exposure: seconds; with a rolling shutter, those of the
+    first row. path: what polariser, panel and splitter do to the two polarisations, or None where
+    the bench doesn't say. numerics: relative error that numerical methods may make. cache: results
+    that were computed for this situation.
     """
 
     camera: Camera

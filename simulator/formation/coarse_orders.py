@@ -11,7 +11,6 @@ import scipy.fft
 import torch
 from numpy.typing import NDArray
 
-from optics.caching import ByteCache
 from optics.plane import Plane
 from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels
@@ -20,7 +19,6 @@ from simulator.formation.nodes import angle_share, rendered_angles
 from simulator.formation.objects import ObjectSpectra, vignetting
 from simulator.formation.windows import max_blur_distance
 from simulator.probing.far_field import FarField, LensProbe, cut_kernel, side_order_kernel
-from simulator.recipe import Recipe
 from simulator.scene.target import Layer
 from simulator.situation import Situation
 
@@ -70,17 +68,10 @@ class CoarseOrders:
     field lands in each order, weighted by the envelope of one pixel.
     """
 
-    def __init__(
-        self,
-        s: Situation,
-        recipe: Recipe,
-        kernels: Kernels,
-        spreading: LayerPSFs,
-        objects: ObjectSpectra,
-        cache: ByteCache,
-    ) -> None:
-        self._s, self._recipe, self._cache = s, recipe, cache
+    def __init__(self, kernels: Kernels, spreading: LayerPSFs, objects: ObjectSpectra) -> None:
         self._kernels, self._spreading, self._objects = kernels, spreading, objects
+        self._s, self._recipe, self._cache = kernels.s, kernels.recipe, kernels.cache
+        s, recipe = kernels.s, kernels.recipe
         self._pixels = order_cell_pixels(s)
         self._cell = self._pixels * s.camera.sensor.pitch
         # The outermost pixels lie between cells, too.

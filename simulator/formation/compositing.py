@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 
 from simulator.formation.exposure_cells import ExposureCell
@@ -13,8 +12,6 @@ from simulator.formation.kernels import Order
 from simulator.formation.layer_psfs import LayerPSFs
 from simulator.formation.objects import ObjectSpectra
 from simulator.formation.sample_grid import SampleGrid
-
-_ONE = np.ones((1, 1))
 
 
 class ZerothOrderPath:
@@ -41,14 +38,12 @@ class ZerothOrderPath:
         if not layer.parts or where is None:
             return total
         angles = self._spreading.angles[number]
+        shining = []
         for index, (one, angle) in enumerate(zip(layer.parts, angles, strict=True)):
             evenly = self._objects.uniform_dc_term(one.picture, angle)
             for spectrum, seen in zip(total, weights[:, index].sum(1), strict=True):
                 spectrum[0, 0] += float(seen) * evenly
-        shining = [
-            self._objects.light_spectra(part.picture, layer, where, angle=angle)
-            for part, angle in zip(layer.parts, angles, strict=True)
-        ]
+            shining.append(self._objects.light_spectra(one.picture, where, angle))
         uneven = [index for index, spectra in enumerate(shining) if spectra]
         if not uneven:
             return total
@@ -70,10 +65,10 @@ class ZerothOrderPath:
         transfers = self._transfers(number, node, cell)
         angles = self._spreading.angles[number]
         for part, one in enumerate(layer.parts):
-            shining = self._objects.light_spectra(one.picture, layer, where, angle=angles[part])
+            shining = self._objects.light_spectra(one.picture, where, angles[part])
             light = _apply_transfers(transfers, shining)
-            for channel in range(self._spreading.channels):
-                total[channel] += float(weights[channel, part, node]) * light
+            for spectrum, weight in zip(total, weights[:, part, node], strict=True):
+                spectrum += float(weight) * light
         return total
 
     def cover_spectrum(self, number: int, node: int, cell: ExposureCell) -> torch.Tensor:
@@ -95,12 +90,8 @@ class ZerothOrderPath:
 
     def _transfers(self, number: int, node: int, cell: ExposureCell) -> list[torch.Tensor]:
         """Return a layer's transfer functions at one wavelength, one for each place."""
-        return [
-            self._gathering.transfers(
-                [self._spreading.psf(number, node, place, cell)], _ONE, "occlusion"
-            )[0]
-            for place in self._objects.places
-        ]
+        psfs = (self._spreading.psf(number, node, place, cell) for place in self._objects.places)
+        return [self._gathering.transfer(psf, "occlusion") for psf in psfs]
 
 
 def _apply_transfers(
@@ -148,7 +139,7 @@ class SideOrderPath:
             if self._objects.is_off_plane(one.picture, layer, cell, off):
                 continue
             angle = self._spreading.angles[number][part]
-            shining = self._objects.light_spectra(one.picture, layer, where, off, angle)
+            shining = self._objects.light_spectra(one.picture, where, angle)
             light = self._spectrum(number, node, cell, shining)
             if light is None:
                 continue
@@ -181,7 +172,7 @@ class SideOrderPath:
         total = self._gathering.zero_spectra(1)[0]
         for place, spectrum in zip(self._objects.places, spectra, strict=True):
             psf = self._spreading.psf(number, node, place, cell, self._order)
-            total += self._gathering.transfers([psf], _ONE, "panel orders")[0] * spectrum
+            total += self._gathering.transfer(psf, "panel orders") * spectrum
         return total
 
 

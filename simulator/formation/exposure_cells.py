@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.sensor.shutter import row_starts
-from simulator.panel_content import FrameSequence, PictureShares, Span
+from optics.validation import require_positive
+from simulator.panel_content import FrameSequence, PanelState, PictureShares, Span
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 K = TypeVar("K")
 
-PanelStates = list[tuple[PictureShares | FrameSequence, Array]]
+PanelStates = list[tuple[PanelState, Array]]
 """What the panel shows, with the weight of a cell."""
 
 
@@ -37,7 +38,7 @@ class ExposureCell:
     """
 
     number: int
-    panel_state: PictureShares | FrameSequence
+    panel_state: PanelState
     shift: tuple[float, float]
     path: tuple[float, float]
     weight: Array
@@ -48,8 +49,7 @@ def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
 
     Raises ValueError for an exposure that isn't positive and finite.
     """
-    if not 0 < s.exposure < math.inf:
-        raise ValueError(f"exposure is {s.exposure:g} s; it must be positive and finite")
+    require_positive("exposure", s.exposure, "s")
     starts = row_starts(s.camera.sensor, s.exposure_start, rolling=recipe.rolling).numpy()
     if starts[0] == starts[-1]:
         starts = starts[:1]

@@ -27,7 +27,7 @@ from simulator.formation.rays import RayOperator
 from simulator.formation.windows import ORDER_FADE_PIXELS, Windows, psf_operations, ray_operations
 from simulator.ledger import Ledger
 from simulator.panel_at_wavelength import modulator_at
-from simulator.panel_content import FrameSequence, PictureShares, Span
+from simulator.panel_content import FrameSequence, PanelState, Span
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
@@ -38,7 +38,7 @@ fields' PSFs."""
 
 
 def exposure_fields(
-    modulator: Modulator, panel_state: PictureShares | FrameSequence, pictures: Pictures, tol: float
+    modulator: Modulator, panel_state: PanelState, pictures: Pictures, tol: float
 ) -> WeightedFields:
     """Yield the panel's fields during an exposure, with each field's share of it.
 
@@ -120,7 +120,7 @@ class Kernels:
         ledger: Ledger,
         check: Callable[[], None],
     ) -> None:
-        self._s, self._recipe, self._cache, self._ledger = s, recipe, cache, ledger
+        self.s, self.recipe, self.cache, self._ledger = s, recipe, cache, ledger
         self._check, self._merged_orders = check, windows.merged_orders
         self._drift = s.focus_drift if recipe.focus_drift else 0.0
         camera = s.mount.camera_in_panel_axes(replace(s.camera, panel=recipe.panel))
@@ -132,36 +132,32 @@ class Kernels:
     @property
     def key(self) -> tuple[object, ...]:
         """Return the cache key with all that PSFs depend on, without point and panel state."""
-        r = self._recipe
-        beats = self._s.interference if r.interference else 0j
+        r = self.recipe
+        beats = self.s.interference if r.interference else 0j
         sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
         varied = (r.places > 1, r.aberrated_places > 1, r.axial_colour, self._drift)
         axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction, varied)
-        return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
+        return (self.camera, self.s.mount, self.s.numerics, self.s.wavelength, *axes)
 
     def camera_at(self, wavelength: float, place: tuple[float, float] = (0.0, 0.0)) -> Camera:
         """Return the camera in the panel's axes for light of a wavelength.
 
         place: (y, x) metres of the image, for the lens' field aberrations.
         """
-        recipe, lens = self._recipe, self._s.camera.lens
+        recipe, lens = self.recipe, self.s.camera.lens
         shift = lens.focus_shift(wavelength) if recipe.axial_colour else 0.0
         shift += self._drift
         bent = lens.field_aberrations if recipe.aberrated_places > 1 else None
         if not shift and bent is None:
             return self.camera
-        camera = replace(self._s.camera, panel=recipe.panel)
+        camera = replace(self.s.camera, panel=recipe.panel)
         if bent is not None:
             aberrations = add_aberrations(lens.aberrations, bent.at(*place))
             camera = replace(camera, lens=replace(lens, aberrations=aberrations))
-        return self._s.mount.camera_in_panel_axes(defocused(camera, shift) if shift else camera)
+        return self.s.mount.camera_in_panel_axes(defocused(camera, shift) if shift else camera)
 
     def psf(
-        self,
-        panel_state: PictureShares | FrameSequence,
-        point: PointSource,
-        effect: str,
-        order: Order | None = None,
+        self, panel_state: PanelState, point: PointSource, effect: str, order: Order | None = None
     ) -> torch.Tensor:
         """Return a point's PSF, from the cache or computed.
 
@@ -169,16 +165,16 @@ class Kernels:
         is returned, for the zeroth with those merged with it; if None, all light in the window.
         """
         causes = ("psf", self.key, panel_state, point, order)
-        return self._cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
+        return self.cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
 
     def fields(
-        self, panel_state: PictureShares | FrameSequence, wavelength: float
+        self, panel_state: PanelState, wavelength: float
     ) -> tuple[Modulator, Iterable[tuple[float, torch.Tensor]]]:
         """Return the modulator at a wavelength, and an exposure cell's fields with their shares.
 
         The fields are kept if they are needed again, at other depths, places or wavelengths.
         """
-        r, s, panel = self._recipe, self._s, self.camera.panel
+        r, s, panel = self.recipe, self.s, self.camera.panel
         pictures, tol = s.panel_content.pictures, s.numerics
         own = acting = modulator_at(panel, wavelength)
         if not r.dispersion:
@@ -186,7 +182,7 @@ class Kernels:
         elif r.depths == r.places == r.aberrated_places == 1 and not r.orders:
             return own, exposure_fields(own, panel_state, pictures, tol)
         causes = ("fields", panel, acting.wavelength, panel_state, tol)
-        return own, self._cache.get(
+        return own, self.cache.get(
             causes, lambda: list(exposure_fields(acting, panel_state, pictures, tol))
         )
 
@@ -194,7 +190,7 @@ class Kernels:
         """Return the zeroth order if a PSF's window reaches beyond its orders, else None."""
         period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
         wide = side > (2 * self._merged_orders + 1) * period - self._fading(period)
-        return (0, 0) if wide and self._recipe.diffraction else None
+        return (0, 0) if wide and self.recipe.diffraction else None
 
     def _fading(self, period: float) -> float:
         """Return the metres over which one diffraction order fades into the next."""
@@ -206,7 +202,7 @@ class Kernels:
 
     def order_centre(self, wavelength: float, order: Order) -> tuple[float, float]:
         """Return (y, x) metres on the sensor from a point's image to one of its orders."""
-        return self._s.mount.places_on_sensor(*self._order_offset(wavelength, order))
+        return self.s.mount.places_on_sensor(*self._order_offset(wavelength, order))
 
     def _order_offset(self, wavelength: float, order: Order) -> tuple[float, float]:
         """Return an order's offset in the panel's axes, rounded to whole samples.
@@ -220,14 +216,10 @@ class Kernels:
         return y, x
 
     def _compute_psf(
-        self,
-        panel_state: PictureShares | FrameSequence,
-        point: PointSource,
-        effect: str,
-        order: Order | None,
+        self, panel_state: PanelState, point: PointSource, effect: str, order: Order | None
     ) -> torch.Tensor:
         """Compute a point's PSF in the sensor's axes."""
-        mount, window = self._s.mount, self._window(order)
+        mount, window = self.s.mount, self._window(order)
         modulator, fields = self.fields(panel_state, point.wavelength)
         parts = self._record_fields(fields, effect, window.shape)
         if order and any(order):
@@ -250,9 +242,9 @@ class Kernels:
         """Return the PSF of the panel's fields, by waves or rays as the recipe says."""
         if isinstance(operator, RayOperator):
             return _ray_psf(operator, modulator, parts)
-        if not self._recipe.interference:
+        if not self.recipe.interference:
             return modulated_psf(operator, modulator, parts)
-        return _interference_psf(operator, modulator, parts, self._s.interference)
+        return _interference_psf(operator, modulator, parts, self.s.interference)
 
     def _side_order_light(
         self, point: PointSource, order: Order, modulator: Modulator, parts: WeightedFields
@@ -262,7 +254,7 @@ class Kernels:
         Where hardly any light goes, the error may be a large share of it. The tolerance is
         therefore relaxed, up to .1: such an order hardly counts in the picture.
         """
-        kept, tol = list(parts), self._s.numerics
+        kept, tol = list(parts), self.s.numerics
         while True:
             try:
                 return self._light(self._operator(point, order, tol), modulator, iter(kept))
@@ -287,11 +279,11 @@ class Kernels:
 
         It is on the axis if only the lens' aberrations differ over the field.
         """
-        return point.place if self._recipe.places > 1 else (0.0, 0.0)
+        return point.place if self.recipe.places > 1 else (0.0, 0.0)
 
     def _in_panel_axes(self, point: PointSource, place: tuple[float, float]) -> tuple[float, float]:
         """Return a place of the point's image, (y, x) metres, in the panel's axes."""
-        return self._s.mount.place_in_panel_axes(place, self.camera, point.distance)
+        return self.s.mount.place_in_panel_axes(place, self.camera, point.distance)
 
     def _window(self, order: Order | None) -> Plane:
         """Return the plane of a PSF's window.
@@ -303,8 +295,8 @@ class Kernels:
     def _around(self, point: PointSource, order: Order) -> Plane:
         """Return the samples of a PSF around an order, in the panel's axes."""
         plane = self._window(order)
-        if not self._s.mount.is_aligned:
-            plane = self._s.mount.plane_in_panel_axes(plane)
+        if not self.s.mount.is_aligned:
+            plane = self.s.mount.plane_in_panel_axes(plane)
         return replace(plane, centre=self._order_offset(point.wavelength, order))
 
     def _operator(
@@ -314,7 +306,7 @@ class Kernels:
 
         Unmodulated light is left to the modulator.
         """
-        tol, mount, plane = tol or self._s.numerics, self._s.mount, self._around(point, order)
+        tol, mount, plane = tol or self.s.numerics, self.s.mount, self._around(point, order)
         camera = self.camera_at(point.wavelength, point.place)
         if not mount.is_centred:
             # On this plane a centred panel has the light that a shifted one has on the other.
@@ -323,9 +315,9 @@ class Kernels:
             plane = replace(plane, centre=(y, x))
         place = self._in_panel_axes(point, self._shadow_place(point))
         given = camera, point.distance, point.wavelength, plane
-        if not self._recipe.diffraction:
+        if not self.recipe.diffraction:
             return RayOperator(*given, place)
-        return self._cache.get(
+        return self.cache.get(
             ("operator", camera, tol, point, plane),
             lambda: PSFOperator(
                 *given, field=place, integrate=False, unmodulated=0.0, tol=tol, budget=_BUDGET
@@ -339,7 +331,7 @@ class Kernels:
 
         The caller computes a PSF from each field before it asks for the next.
         """
-        count = psf_operations if self._recipe.diffraction else ray_operations
+        count = psf_operations if self.recipe.diffraction else ray_operations
         self._check()
         for part in fields:
             self._ledger.add(effect, count(self.camera.panel, *shape), 4 * math.prod(shape))

@@ -13,11 +13,9 @@ from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels, Order, PointSource
 from simulator.formation.nodes import depth_nodes, electrons_per_radiance, wavelengths
 from simulator.formation.objects import ObjectSpectra, Place, field_effect
-from simulator.recipe import Recipe
 from simulator.scene.drawable import Drawable
 from simulator.scene.pixel_picture import PixelPicture
 from simulator.scene.target import Layer, Part
-from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
@@ -80,17 +78,11 @@ class LayerPSFs:
     angle is what it has more or less than the axis (see Wavelengths).
     """
 
-    def __init__(
-        self,
-        s: Situation,
-        recipe: Recipe,
-        kernels: Kernels,
-        objects: ObjectSpectra,
-        cache: ByteCache,
-    ) -> None:
-        self._recipe, self._kernels, self._places = recipe, kernels, objects.places
+    def __init__(self, kernels: Kernels, objects: ObjectSpectra) -> None:
+        self._kernels, self._places = kernels, objects.places
+        s, self._recipe = kernels.s, kernels.recipe
         layers = s.target.for_camera(s.camera).layers
-        found = wavelengths(s, recipe, [part for layer in layers for part in layer.parts])
+        found = wavelengths(s, self._recipe, [part for layer in layers for part in layer.parts])
         self.nodes = found.nodes
         self.channels = len(found.weights)
         self.weights: list[Array] = []
@@ -101,7 +93,9 @@ class LayerPSFs:
             own = slice(first, first + len(layer.parts))
             # On the axis, and what the light of each further angle has more or less.
             every = [found.weights[:, own], *found.aslant[:, :, own]]
-            merged, weights = zip(*(_merge_parts(layer, one, cache) for one in every), strict=True)
+            merged, weights = zip(
+                *(_merge_parts(layer, one, kernels.cache) for one in every), strict=True
+            )
             self.layers.append(replace(layer, parts=sum(merged, ())))
             self.angles.append([k for k, parts in enumerate(merged) for _ in parts])
             # The irradiance depends on the layer's own distance, even if the PSFs of other
@@ -110,7 +104,7 @@ class LayerPSFs:
             self.weights.append(scale * np.concatenate(weights, axis=1))
             first += len(layer.parts)
         distances = [layer.distance for layer in self.layers]
-        self._depths = depth_nodes(distances, recipe.depths)
+        self._depths = depth_nodes(distances, self._recipe.depths)
         self._first = self._depths[distances[0]][0][0]
 
     def distances(self, layer: int) -> tuple[tuple[float, float], ...]:
@@ -118,20 +112,15 @@ class LayerPSFs:
         return tuple(self._depths[self.layers[layer].distance])
 
     def psf(
-        self,
-        layer: int,
-        node: int,
-        place: Place,
-        cell: ExposureCell,
-        side_order: Order | None = None,
+        self, layer: int, node: int, place: Place, cell: ExposureCell, order: Order | None = None
     ) -> torch.Tensor:
         """Return a layer's PSF at one wavelength and place; of a side order, around its centre."""
         wavelength, parts = self.nodes[node].metres, []
-        order = side_order or self._kernels.central(wavelength)
+        window = order or self._kernels.central(wavelength)
         for distance, share in self.distances(layer):
             point = PointSource(wavelength, distance, place)
-            effect = "panel orders" if side_order else self._effect(distance, node, place, cell)
-            parts.append(share * self._kernels.psf(cell.panel_state, point, effect, order))
+            effect = "panel orders" if order else self._effect(distance, node, place, cell)
+            parts.append(share * self._kernels.psf(cell.panel_state, point, effect, window))
         return sum(parts[1:], parts[0])
 
     def order_centre(self, node: int, order: Order) -> Place:

@@ -138,8 +138,8 @@ class _Rendering:
         )
         self._gathering = SampleGrid(s.camera.sensor, windows.picture, recipe, ledger, check)
         kernels = Kernels(s, recipe, windows, cache, ledger, check)
-        objects = ObjectSpectra(s, recipe, self._gathering, kernels, cache)
-        spreading = LayerPSFs(s, recipe, kernels, objects, cache)
+        objects = ObjectSpectra(self._gathering, kernels)
+        spreading = LayerPSFs(kernels, objects)
         self._wavelengths = [one.metres for one in spreading.nodes]
         ways: list[ZerothOrderPath | SideOrderPath]
         ways = [ZerothOrderPath(self._gathering, objects, spreading)]
@@ -152,9 +152,7 @@ class _Rendering:
                 if y or x
             ]
         self._layered = Compositor(self._gathering, spreading, ways, recipe.occlusion)
-        self._coarse_orders = (
-            CoarseOrders(s, recipe, kernels, spreading, objects, cache) if coarse else None
-        )
+        self._coarse_orders = CoarseOrders(kernels, spreading, objects) if coarse else None
 
     def light(self, cell: ExposureCell) -> torch.Tensor:
         """Return the light of an exposure cell, computed or from the cache.

@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.caching import ByteCache
 from optics.camera import Camera, Lens
 from optics.camera.pupil import share_through_stop
 from optics.formation import rfft2_frequencies
@@ -26,7 +25,6 @@ from simulator.mount import Mount
 from simulator.recipe import Recipe
 from simulator.scene.drawable import Drawable, UniformLight
 from simulator.scene.target import Layer
-from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
@@ -112,13 +110,15 @@ Place = tuple[float, float]
 class LayerPlacement:
     """Size and place of a layer's picture during an exposure cell.
 
-    shift: (y, x) metres on the object that it has moved. path: (y, x) metres on the sensor along
-    which it moves.
+    distance: of the layer. shift: (y, x) metres on the object from its place. path, off: (y, x)
+    metres on the sensor along which it moves, and by which a diffraction order shifts it.
     """
 
+    distance: float
     magnification: float
     shift: tuple[float, float]
     path: tuple[float, float]
+    off: Place
 
 
 class ObjectSpectra:
@@ -127,16 +127,10 @@ class ObjectSpectra:
     Vignetting and the weights of the places apply to the points that emit light, before any blur.
     """
 
-    def __init__(
-        self,
-        s: Situation,
-        recipe: Recipe,
-        gathering: SampleGrid,
-        kernels: Kernels,
-        cache: ByteCache,
-    ) -> None:
-        self._s, self._recipe, self._gathering, self._cache = s, recipe, gathering, cache
-        self._kernels, self._plane = kernels, gathering.plane
+    def __init__(self, gathering: SampleGrid, kernels: Kernels) -> None:
+        self._gathering, self._kernels, self._plane = gathering, kernels, gathering.plane
+        self._s, self._recipe, self._cache = kernels.s, kernels.recipe, kernels.cache
+        s, recipe = kernels.s, kernels.recipe
         halves = [n * s.camera.sensor.pitch / 2 for n in s.camera.sensor.shape]
         # Places along each axis of the field that have PSFs of their own.
         of_shadow = recipe.places if s.camera.separation else 1
@@ -159,7 +153,8 @@ class ObjectSpectra:
             if not scale:
                 return None
             shift = (shift[0] + off[0] / scale, shift[1] + off[1] / scale)
-        return LayerPlacement(scale, shift, (cell.path[0] * scale, cell.path[1] * scale))
+        path = cell.path[0] * scale, cell.path[1] * scale
+        return LayerPlacement(layer.distance, scale, shift, path, off)
 
     def is_off_plane(self, picture: Drawable, layer: Layer, cell: ExposureCell, off: Place) -> bool:
         """Whether a picture shifted by `off` is wholly beside the samples."""
@@ -190,18 +185,12 @@ class ObjectSpectra:
         return spectrum * torch.sinc(fy * where.path[0] + fx * where.path[1]).to(torch.float32)
 
     def light_spectra(
-        self,
-        picture: Drawable,
-        layer: Layer,
-        where: LayerPlacement,
-        off: Place = (0.0, 0.0),
-        angle: int = 0,
+        self, picture: Drawable, where: LayerPlacement, angle: int
     ) -> list[torch.Tensor]:
         """Return the spectra of a picture's light for each place, with vignetting.
 
-        off: (y, x) metres on the sensor by which the picture was shifted further. angle: number of
-        the angle at the filter by whose share the light is weighted; 0 for none. Uniform light
-        without it (see is_uniform()) has only what vignetting takes from it.
+        angle: number of the angle at the filter by whose share the light is weighted; 0 for none.
+        Uniform light without it (see is_uniform()) has only what vignetting takes from it.
         """
         even = self.is_uniform(picture) and not angle
         if even and not self._recipe.vignetting:
@@ -209,15 +198,15 @@ class ObjectSpectra:
         if not self._recipe.vignetting and len(self.places) == 1 and not angle:
             return [self.picture_spectrum(picture, where, "picture")]
         causes = (
-            "shining", self._kernels.camera, self._s.mount, picture, where, off, self._plane,
-            len(self.places), self._recipe.vignetting, layer.distance,
-            self._recipe.picture_samples_per_pixel, angle and (angle, self._squared_sines),
+            "shining", self._kernels.camera, self._s.mount, picture, where, self._plane,
+            len(self.places), self._recipe.vignetting, self._recipe.picture_samples_per_pixel,
+            angle and (angle, self._squared_sines),
         )  # fmt: skip
 
         def weighted_spectra() -> list[torch.Tensor]:
             # The unweighted spectrum isn't needed again, so it isn't cached.
             bare = self._compute_picture_spectrum(picture, where, "picture")
-            return self._weight_by_place(bare, self._attenuation(layer, off, angle), even)
+            return self._weight_by_place(bare, self._attenuation(where, angle), even)
 
         return self._cache.get(causes, weighted_spectra)
 
@@ -228,7 +217,7 @@ class ObjectSpectra:
         """
         return isinstance(picture, UniformLight) and not self._recipe.occlusion
 
-    def uniform_dc_term(self, picture: Drawable, angle: int = 0) -> float:
+    def uniform_dc_term(self, picture: Drawable, angle: int) -> float:
         """Return the spectrum of uniform light at frequency 0; 0 for other pictures.
 
         Blur doesn't change this value. angle: as in light_spectra(), which has all light of others.
@@ -245,16 +234,16 @@ class ObjectSpectra:
             return [bare]
         return self._weight_by_place(bare, None)
 
-    def _attenuation(self, layer: Layer, off: Place, angle: int) -> torch.Tensor | None:
+    def _attenuation(self, where: LayerPlacement, angle: int) -> torch.Tensor | None:
         """Return a layer's vignetting times an angle's share, on samples; None with neither.
 
         Light that was shifted is vignetted by its original place.
         """
-        camera, mount, distance = self._kernels.camera, self._s.mount, layer.distance
-        y, x = (middle - away for middle, away in zip(self._plane.centre, off, strict=True))
+        camera, mount, distance = self._kernels.camera, self._s.mount, where.distance
+        y, x = (middle - away for middle, away in zip(self._plane.centre, where.off, strict=True))
         before = replace(self._plane, centre=(y, x))
         seen = None
-        if self._recipe.vignetting and any(off):
+        if self._recipe.vignetting and any(where.off):
             seen = vignetting(camera, mount, before, distance)
         elif self._recipe.vignetting:
             seen = self._cache.get(

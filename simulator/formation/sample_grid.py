@@ -102,11 +102,11 @@ class SampleGrid:
         weights: (sums, PSFs). Sums are formed before or after the transform, whichever needs fewer.
         """
         if len(psfs) <= len(weights):
-            known = [self._transfer(psf, effect) for psf in psfs]
+            known = [self.transfer(psf, effect) for psf in psfs]
             return [_weighted_sum(known, row) for row in weights]
-        return [self._transfer(_weighted_sum(psfs, row), effect) for row in weights]
+        return [self.transfer(_weighted_sum(psfs, row), effect) for row in weights]
 
-    def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
+    def transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
         """Return the transfer function of one PSF."""
         self._count(effect)
         return _transform_centred_part(psf.to(torch.float32), self._of_psfs.shape, self.plane.shape)
