@@ -11,8 +11,7 @@ from collections.abc import Callable
 class VirtualClock:
     """A clock whose time advances only while a caller waits.
 
-    speed: seconds of virtual time per second of real time. It is infinite by default: waiting then
-    takes no real time.
+    speed: seconds of virtual time per second of real time; infinite, waiting takes no time.
     """
 
     def __init__(self, speed: float = math.inf) -> None:

@@ -42,8 +42,8 @@ _LEVELS = {"unmodulated light": 1, "diffraction": 1, "pixel aperture": 1}
 class CoarsePictures:
     """Predict the mean picture of situations on larger pixels, without planning any effects.
 
-    The prediction has one wavelength and one depth. What the panel doesn't modulate and diffraction
-    by the pattern are in it; the PSF's window follows from the slope of the pattern.
+    It has one wavelength and one depth, what the panel doesn't modulate, and diffraction by the
+    pattern, whose slope gives the PSF's window.
     """
 
     def __init__(self) -> None:
@@ -83,8 +83,8 @@ def pixels_joined(camera: Camera) -> int:
 def psf_window(s: Situation) -> int:
     """Return the side of a PSF's window in sensor pixels, by the slope of the pattern.
 
-    A step of 2π per panel pixel sends light into the next order, which is λ b / pitch away from
-    this one on the sensor, with the ray matrix' element b: geometric optics of the same wavefront.
+    A step of 2π per panel pixel sends light into the next order, λ b / pitch away on the sensor,
+    with the ray matrix' element b: geometric optics of the same wavefront.
     """
     camera, panel = s.camera, s.camera.panel
     grey = torch.tensor(s.panel_content.first)

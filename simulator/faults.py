@@ -25,10 +25,9 @@ FRAME_KINDS: tuple[Kind, ...] = get_args(FrameKind)
 class Fault:
     """One fault in a script.
 
-    device: the device's role on the bench. frame: index of the planned frame from which on the
-    fault can occur; it occurs at the device's next call. times: number of calls that fail.
-    seconds: seconds of bench time by which a slow call takes longer, or for which a device stays
-    disconnected.
+    device: the device's role. frame: index of the planned frame from which on it can occur, at the
+    device's next call. times: number of calls that fail. seconds: of bench time by which a slow
+    call takes longer, or for which a device stays disconnected.
     """
 
     device: Role
@@ -132,10 +131,6 @@ class FaultInjector:
             self.require_alive(command)
             raise self._error(command, f"no reply within {reply_time:g} s", "Check the cable")
         raise self._error(command, "the device answers ERROR", "Switch it off and on")
-
-    def put_off(self, fault: Fault) -> None:
-        """Put off to the device's next call a fault that can't occur in the present one."""
-        self._script.put_off(fault)
 
     def kill(self) -> None:
         """Mark the device as killed, and end a hanging call."""

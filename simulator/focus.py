@@ -36,8 +36,7 @@ def focus_range(lens: Lens, low: float, high: float) -> tuple[float, float]:
 def drifted_focus(camera: Camera, time: float, wavelength: float) -> float:
     """Return the drift of focus at a time in seconds, metres behind the sensor.
 
-    It is rounded to steps far below what changes a PSF, so that a camera that has warmed up shows
-    the same picture again.
+    It is rounded far below what changes a PSF: a camera that has warmed up shows the same picture.
     """
     if not camera.focus_drift:
         return 0.0

@@ -43,7 +43,7 @@ def speckle_pattern(s: Situation) -> torch.Tensor:
     """Draw the factor on each pixel's light, (rows, columns) float32, of mean 1.
 
     It stays the same for a scene's target, the sensor, what the panel shows and the wavelength,
-    from frame to frame and at any exposure. A seed from these decides it.
+    which seed it, from frame to frame and at any exposure.
     """
     sensor, grain = s.camera.sensor, _grain(s)
     causes = (
@@ -63,8 +63,7 @@ def moments_with_speckle(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the pixels' mean and variance over all speckle patterns of one variance.
 
-    A gamma distribution of the light is integrated at the two points that have its first three
-    moments, which is exact where nothing clips.
+    A gamma distribution of the light is integrated at two points, exact where nothing clips.
     """
     sensor = s.camera.sensor
     mean = torch.zeros(electrons.shape, dtype=torch.float64)

@@ -46,11 +46,10 @@ takes three times as long (measured)."""
 class FrameSimulator:
     """Draw frames of one picture for one exposure and set of sensor stages.
 
-    electrons: mean electrons that light frees on each pixel during the exposure, (rows, columns).
-    recipe: the sensor stages that are simulated. Numbers are always rounded and kept in the
-    converter's range, since frames hold whole numbers. threads: that draw at the same time where
-    several blocks of pixels are drawn; frames don't depend on their number. Raises ValueError for
-    electrons that aren't finite, an exposure that isn't positive, or no thread.
+    electrons: mean electrons that light frees on each pixel, (rows, columns). Numbers are always
+    rounded and kept in the converter's range. threads: that draw at the same time; frames don't
+    depend on their number. Raises ValueError for electrons that aren't finite, an exposure that
+    isn't positive, or no thread.
     """
 
     @single_threaded
@@ -137,9 +136,8 @@ class _Still:
 class _Normal:
     """Draw pixels whose noises are merged into one noise, normal or skewed.
 
-    A skewed noise adds a multiple of the normal number's square, which gives the third moment.
-    number, spread: mean and standard deviation of each digital number. bend: factor of the
-    square.
+    number, spread: mean and standard deviation of each digital number. bend: factor of the normal
+    number's square, which is added for the third moment.
     """
 
     def __init__(
@@ -257,8 +255,7 @@ def _can_merge_noises(
 ) -> torch.Tensor:
     """Return for which pixels shot and read noise may be drawn as one noise.
 
-    These pixels have many electrons, enough read noise to hide their whole numbers, and surely no
-    full well.
+    They have many electrons, read noise that hides whole numbers, and surely no full well.
     """
     many = mean >= max(_poisson_limit(stages), _MIN_MERGED_ELECTRONS)
     smooth = read >= _MIN_READ_NOISE

@@ -147,7 +147,7 @@ class SimulatedCamera(SimulatedDevice):
             if self._last is not None:
                 return self._last
             # There is no earlier frame yet: the fault occurs at the next frame instead.
-            self._faults.put_off(fault)
+            self._world.faults.put_off(fault)
         seconds = self._exposure
         if kind == "wrong exposure":
             low, high = self.exposure_range

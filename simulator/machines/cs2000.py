@@ -74,10 +74,9 @@ def colorimetric_values(
 
 
 def format_value(name: str, value: float, hexadecimal: bool, failed_is_zero: bool = False) -> str:
-    """Format a value as the instrument's replies do.
+    """Format a value, colorimetric by its name or "spectral", as the instrument's replies do.
 
-    name: of a colorimetric value, or "spectral". failed_is_zero: whether a value that can't be
-    computed is sent as 0, as old firmware does.
+    failed_is_zero: whether a value that can't be computed is sent as 0, as old firmware does.
     """
     if math.isnan(value) and failed_is_zero:
         value = 0.0
@@ -140,11 +139,10 @@ class _PendingReply:
 class CS2000Machine(FaultyMachine):
     """Simulate a CS-2000 spectroradiometer: its commands and the light that it measures.
 
-    spectrum: returns the radiance in W/(sr m² m) at wavelengths in metres; it is called for every
-    measurement. model, serial, firmware: as the instrument reports them; the firmware decides
-    which commands it knows. angle: position of its dial, 0 for 1 degree, 1 for 0.2, 2 for 0.1.
-    slit_nm: full width at half maximum of its triangular slit, 0 for none; the data sheet has
-    5 nm at most.
+    spectrum: returns the radiance in W/(sr m² m) at wavelengths in metres, for every measurement.
+    firmware: decides which commands the instrument knows. angle: position of its dial, 0 for 1
+    degree, 1 for 0.2, 2 for 0.1. slit_nm: full width at half maximum of its triangular slit, 0 for
+    none; the data sheet has 5 nm at most.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code")
@@ -223,7 +221,12 @@ class CS2000Machine(FaultyMachine):
 
     def _advance(self, t: float) -> list[Reply]:
         """Finish what is to be done by time t, and return the replies."""
-        replies = self._advance_measurement(t)
+        replies: list[Reply] = []
+        while (going := self._measuring) and going.until <= t:
+            if going.in_main_phase and "busy forever" in self._faults:
+                break
+            finish = self._finish_measurement if going.in_main_phase else self._begin_main_phase
+            replies += finish(going)
         while self._answers and self._answers[0].at <= t:
             answer = self._answers.pop(0)
             replies.append(Reply(t, answer.text.encode() + answer.delimiter))
@@ -279,16 +282,6 @@ class CS2000Machine(FaultyMachine):
         until = t + min(10.0, max(1.0, self.optics.required_exposure(*self.settings.speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
         return [Reply(until, b"")]
-
-    def _advance_measurement(self, t: float) -> list[Reply]:
-        """Finish the phases of a measurement that end by time t, and return the replies."""
-        replies: list[Reply] = []
-        while (going := self._measuring) and going.until <= t:
-            if going.in_main_phase and "busy forever" in self._faults:
-                break
-            finish = self._finish_measurement if going.in_main_phase else self._begin_main_phase
-            replies += finish(going)
-        return replies
 
     def _begin_main_phase(self, going: _Measurement) -> list[Reply]:
         """End the pre-measurement, and report how long the main one takes."""

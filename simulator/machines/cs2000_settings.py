@@ -84,12 +84,10 @@ _INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
 class CS2000Settings:
     """Hold the settings of a CS-2000, and answer the commands that ask or set them.
 
-    model, serial, firmware: as of CS2000Machine. optics: the optics, whose dial STSR reports.
-
-    remote: mode that RMTS has set, 0 while the keys work, 1 and 2 while the wire is obeyed.
-    flash_write_count: number of settings that were written to flash memory, which wears out.
-    has_first_firmware: whether this is the first firmware, which has fewer functions. speed: mode,
-    integration and filter of SPMS. sync: mode and frequency of SCMS.
+    remote: mode of RMTS, 0 while the keys work, 1 and 2 while the wire is obeyed.
+    flash_write_count: settings written to flash memory, which wears out. has_first_firmware: which
+    has fewer functions. speed: mode, integration and filter of SPMS. sync: mode and frequency of
+    SCMS.
     """
 
     def __init__(self, model: str, serial: str, firmware: str, optics: CS2000Optics) -> None:

@@ -22,9 +22,9 @@ _COMMAND = re.compile(rb"([a-z]+)(?:(\?)|=([0-9]+))")
 class ThorlabsWheelMachine(FaultyMachine):
     """Simulate a Thorlabs filter wheel: its commands and its turning.
 
-    slots: 6 or 12. firmware: "1.0", which has fewer commands and needs a line ">" before each of
-    them, or a later one such as "1.07". position: first slot in the light. step: seconds from a
-    slot to the next, slow and fast. on_slot: called with every slot that comes into the light.
+    slots: 6 or 12. firmware: "1.0", which has fewer commands and needs a line ">" before each, or a
+    later one such as "1.07". step: seconds from a slot to the next, slow and fast. on_slot: called
+    with every slot that comes into the light.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code")
@@ -42,8 +42,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         if not 1 <= position <= slots:
             raise ValueError(f"position is {position}; the wheel has 1 to {slots}")
         super().__init__()
-        self.firmware = firmware
-        self._old = firmware == "1.0"
+        self.firmware, self._old = firmware, firmware == "1.0"
         self._state = {"pos": position, "pcount": slots, "trig": 0, "speed": 1}
         self._state |= {"sensors": 1, "baud": 1}
         self._saved = dict(self._state)

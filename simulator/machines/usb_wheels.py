@@ -87,9 +87,9 @@ def shorter_path(start: int, end: int, count: int, both_ways: bool = True) -> li
 class StarlightWheelMachine:
     """Simulate a Starlight Xpress filter wheel: its reports and its turning.
 
-    slots: number of slots, 1 to 127. position: first slot in the light. step: seconds from a slot
-    to the next. slots_known: whether the wheel has counted its slots; it forgets the number without
-    power. on_slot: called with every slot that comes into the light.
+    slots: 1 to 127. step: seconds from a slot to the next. slots_known: whether the wheel has
+    counted its slots, whose number it forgets without power. on_slot: called with every slot that
+    comes into the light.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "stall")
@@ -173,10 +173,10 @@ class SimulatedZwoStatus(IntEnum):
 class ZwoWheelMachine:
     """Simulate a ZWO EFW filter wheel: its reports and its turning.
 
-    slots: number of slots. position: first slot in the light. step: seconds from a slot to the
-    next. both_ways: whether the wheel takes the shorter way; real wheels were observed to turn
-    forward only. max_steps: number of steps of one move after which the wheel's controller gives
-    up, 0 for never; 5 was observed. on_slot: called with every slot that comes into the light.
+    step: seconds from a slot to the next. both_ways: whether the wheel takes the shorter way; real
+    wheels were observed to turn forward only. max_steps: of one move after which the controller
+    gives up, 0 for never; 5 was observed. on_slot: called with every slot that comes into the
+    light.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code", "stall")

@@ -19,10 +19,9 @@ def factorise_spectra(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Factorise spectra (n, bands) into weights (n, rank) and a basis (rank, bands).
 
-    samples: not negative. tol: relative error in the L2 norm over all samples. The first basis
-    spectrum is the mean. The others are the singular vectors of the residual; to each of them the
-    mean is added until it is nowhere negative, because a spectrum must not be negative. Weights
-    may be negative.
+    samples: not negative. tol: relative error in the L2 norm. The first basis spectrum is the mean.
+    The others are singular vectors of the residual, to which the mean is added until they are
+    nowhere negative. Weights may be negative.
     """
     mean = samples.mean(axis=0)
     if not mean.any():
@@ -56,10 +55,8 @@ class Cube(FramedPicture):
         Reflectances, shape (rows, columns, bands), 0 or more, 1 = white.
     wavelengths : tuple of float
         Wavelengths of the bands, ascending, metres.
-    distance : float
-        Distance from the panel in metres, positive.
-    radiance : float
-        Spectral radiance of white, W / (sr m² m), not negative.
+    distance, radiance : float
+        Metres from the panel, positive; spectral radiance of white, W / (sr m² m), not negative.
     tol : float, default 5e-3
         Relative error, 0 to below 1, of replacing the spectra by mixtures of fewer ones.
     light, lamp, velocity, polarisation_angle, speckle, name : optional

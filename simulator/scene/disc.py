@@ -82,10 +82,8 @@ class Star(Target):
 
     Parameters
     ----------
-    diameter : float
-        Diameter of the pinhole in metres, positive.
-    distance : float
-        Distance from the panel in metres, positive.
+    diameter, distance : float
+        Of the pinhole, and from the panel, in metres, positive.
     radiance : float
         Spectral radiance of the pinhole, W / (sr m² m), not negative.
     offset : tuple of float, default (0.0, 0.0)
@@ -120,12 +118,8 @@ class Pinhole(Star):
 
     Parameters
     ----------
-    diameter : float, default 1e-3
-        Diameter of the pinhole in metres, positive.
-    distance : float, default 2.0
-        Distance from the panel in metres, positive.
-    radiance : float, default 1e9
-        Spectral radiance of the pinhole, W / (sr m² m), not negative.
+    diameter, distance, radiance : float, default 1e-3, 2.0, 1e9
+        See `Star`.
     offset, light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Star`.
     """

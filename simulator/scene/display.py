@@ -81,10 +81,9 @@ class Windows(Drawable):
         return along_both_axes(self.image, *matrices)
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the Fourier spectrum, computed window by window.
+        """Return the Fourier spectrum, computed window by window, without those beyond the plane.
 
-        The harmonics of the pixel grid fall too slowly for sampling to resolve them. Windows
-        beyond the plane are left out.
+        The harmonics of the pixel grid fall too slowly for sampling to resolve them.
         """
         side, (rows, columns) = self.pitch * magnification, plane.shape
         if side == 0:
@@ -129,10 +128,8 @@ class Display(Target):
     ----------
     image : torch.Tensor
         Linear red, green and blue of the pixels, shape (rows, columns, 3), 0 to 1.
-    pitch : float
-        Pitch of the pixels in metres, positive.
-    distance : float
-        Distance from the panel in metres, positive.
+    pitch, distance : float
+        Pitch of the pixels, and distance from the panel, in metres, positive.
     radiance : float
         Spectral radiance of a stripe that is fully on, at the peak of its primary, W / (sr m² m).
     primaries : tuple of Spectrum

@@ -115,10 +115,8 @@ class PhotographPrint(FramedPicture):
     ----------
     image : torch.Tensor
         Linear red, green and blue, shape (rows, columns, 3), 1 = white.
-    distance : float
-        Distance from the panel in metres, positive.
-    radiance : float
-        Spectral radiance of white, W / (sr m² m), not negative.
+    distance, radiance : float
+        Metres from the panel, positive; spectral radiance of white, W / (sr m² m), not negative.
     basis : tuple of Spectrum, default primaries()
         Reflectances of red, green and blue.
     light, lamp, velocity, polarisation_angle, speckle, name : optional

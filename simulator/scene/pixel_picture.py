@@ -56,11 +56,10 @@ def window_matrix(
     window: tuple[float, float],
     edges: NDArray[np.float64],
 ) -> Matrix:
-    """Return the matrix (cells, pixels) of how much of each cell a pixel's window lights.
+    """Return the matrix (cells, pixels) of the share of each cell that a pixel's window lights.
 
-    An element is the share of the cell that the pixel's window lights. The matrix is for one axis
-    of a display, in float32. window: its beginning and end within the pixel, in sides of a pixel.
-    The other parameters are those of `averaging_matrix`.
+    It is for one axis of a display. window: its beginning and end within the pixel, in sides of a
+    pixel. The other parameters are those of `averaging_matrix`.
     """
     start = (np.arange(pixels) + window[0]) * side + middle - pixels * side / 2
     end = start + (window[1] - window[0]) * side
@@ -83,8 +82,8 @@ def window_matrix(
 class PixelPicture(Drawable):
     """Picture of pixels with values 0 to 1, interpolated linearly, and dark around its edges.
 
-    image: (rows, columns). side: of its pixels, metres on the object; with `on_sensor`, metres on
-    the sensor at any distance. offset: (y, x) metres on the object from the axis to the picture's
+    image: (rows, columns). side: of its pixels, metres on the object; with `on_sensor`, on the
+    sensor at any distance. offset: (y, x) metres on the object from the axis to the picture's
     middle.
     """
 

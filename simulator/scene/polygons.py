@@ -62,9 +62,9 @@ def polygon_coverage(
 ) -> NDArray[np.float32]:
     """Return the weighted share of each cell that polygons cover, plus `ground`.
 
-    polygons: (corners, 2), y and x in metres on the plane. Each edge adds, to the cells that it
-    crosses, the exact area to its right; cumulative sums along the rows then fill the polygons.
-    Renderers of fonts work in this way, for example R. Levien's font-rs.
+    polygons: (corners, 2), y and x in metres. Each edge adds, to the cells that it crosses, the
+    exact area to its right; cumulative sums along the rows then fill the polygons, as in R.
+    Levien's font-rs.
     """
     if not polygons:
         return np.full(plane.shape, ground, dtype=np.float32)

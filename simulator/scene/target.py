@@ -123,10 +123,9 @@ class Target(_Stands):
         return any(self.velocity)
 
     def for_camera(self, camera: Camera) -> Target:
-        """Return this target with a size that follows from the camera's frame.
+        """Return this target with a size that follows from the camera's frame, or itself.
 
-        A target that has a size of its own returns itself. The same frame gives the same object
-        again.
+        The same frame gives the same object again.
         """
         return self
 
@@ -165,10 +164,8 @@ class Dark(Target):
 
     Parameters
     ----------
-    distance : float, default 2.0
-        Distance from the panel in metres, positive; it has no effect on the picture.
-    radiance : float, default 0.0
-        Spectral radiance, W / (sr m² m); it has no effect on the picture.
+    distance, radiance : float, default 2.0, 0.0
+        Metres from the panel, positive, and W / (sr m² m); they have no effect on the picture.
     light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     """

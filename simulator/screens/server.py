@@ -356,10 +356,8 @@ def require_program(name: str, packages: str) -> str:
 
     Parameters
     ----------
-    name : str
-        The program's name.
-    packages : str
-        The Debian packages that contain it, for the error message.
+    name, packages : str
+        The program's name, and the Debian packages that contain it, for the error message.
 
     Returns
     -------

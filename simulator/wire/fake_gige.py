@@ -132,19 +132,18 @@ class FakeGigECamera:
 
     render: called in a thread of this process for each frame, whose noise must be its own: the
     driver refuses a frame that comes again. Without `always_render`, it is called `cycle_length`
-    times whenever the exposure, the gain or the region has changed, or `mark_scene_changed()` was
-    called, and these pictures are sent in turn. shape: of the sensor, (rows, columns).
-    pixel_format: the format after power-up. pixel_formats: further formats. latency: number of
-    frames after which a new exposure takes effect. exposure_us: shortest and longest exposure in
-    microseconds. address: an address of this computer, for one camera at a time. clock, faults:
-    faults that begin at given times. features: values of FEATURES after power-up, by name. pack:
-    how pictures become bytes. leader: what each frame's leader says otherwise than the registers
-    do: code, width, height, x, y, padding (bytes after each line), stamp (nanoseconds), clock_rate
-    (seconds of its clock in one second). more_bytes: by which a payload may exceed the picture.
-    Entering raises NoAravis if there is no gi, and OSError if the address isn't free.
+    times whenever exposure, gain or region has changed, or `mark_scene_changed()` was called, and
+    these pictures are sent in turn. shape: of the sensor. pixel_format: after power-up. latency:
+    frames after which a new exposure takes effect. exposure_us: shortest and longest in
+    microseconds. address: of this computer, for one camera at a time. features: values of FEATURES
+    after power-up. pack: how pictures become bytes. leader: what each frame's leader says otherwise
+    than the registers do: code, width, height, x, y, padding (bytes after each line), stamp
+    (nanoseconds), clock_rate (seconds of its clock in one second). more_bytes: by which a payload
+    may exceed the picture. Entering raises NoAravis if there is no gi, and OSError if the address
+    isn't free.
 
-    Pixels of a picture are averaged for binning, cropped to the region and limited to full scale. A
-    triggered exposure takes its real time; a free-running camera exposes all the time.
+    Pixels are averaged for binning, cropped to the region and limited to full scale. A triggered
+    exposure takes its real time; a free-running camera exposes all the time.
     """
 
     def __init__(

@@ -1,8 +1,7 @@
 """Program of the simulated camera's process: Aravis' fake camera with pictures from outside.
 
-It uses only Python's standard library, gi and `drivers.hosted`, so that the system's Python can run
-it. The fake camera implements GigE Vision; this module adds the duration of exposures and the
-faults.
+It adds the duration of exposures and the faults. The system's Python runs it: it uses only the
+standard library, gi and `drivers.hosted`.
 """
 
 from __future__ import annotations
@@ -37,9 +36,8 @@ _FILL = ctypes.CFUNCTYPE(
 class GigERegister(IntEnum):
     """Addresses of the camera's registers.
 
-    TEMPERATURE, MORE_BYTES, TRIGGER and TRIGGER_SOURCE belong to this module, and PRIVILEGE,
-    STREAM_PORT, PACKET_SIZE and STREAM_ADDRESS to GigE Vision. The others are those of Aravis' fake
-    camera.
+    TEMPERATURE, MORE_BYTES, TRIGGER and TRIGGER_SOURCE belong to this module, those from PRIVILEGE
+    on to GigE Vision, and the others to Aravis' fake camera.
     """
 
     WIDTH = 0x100

@@ -21,10 +21,9 @@ _POLL_INTERVAL = 0.02
 class PtyLine:
     """Serve a simulated line as a pseudo-terminal at a constant path, in a thread of its own.
 
-    line: the line that is served. path: a symbolic link to the terminal. While the cable is
-    unplugged the link doesn't exist, and a program that holds the terminal gets a hang-up. clock:
-    the bench's clock, which must run at the speed of real time. The object is a context manager; it
-    needs a system with pseudo-terminals.
+    path: a symbolic link to the terminal. While the cable is unplugged there is no link, and a
+    program that holds the terminal gets a hang-up. clock: must run at the speed of real time. The
+    object is a context manager; it needs a system with pseudo-terminals.
     """
 
     def __init__(self, line: SimulatedLine, path: Path, clock: Clock | None = None) -> None:

@@ -1,7 +1,7 @@
 """A bus of simulated USB devices, as a backend of pyusb that unmodified drivers can use.
 
-A driver's option backend = "simulated-here@NAME" calls bus(NAME), which returns the bus that was
-registered under that name in this process. Source: pyusb's usb.backend.IBackend.
+A driver's option backend = "simulated-here@NAME" calls bus(NAME). Source: pyusb's
+usb.backend.IBackend.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """USB devices of another process, as a pyusb backend over a local socket.
 
-The process that holds the bus serves it by `with UsbServer(bus, path)`. A driver in another process
-of the same user reaches it by its option backend = "simulated@PATH". A key file beside the socket,
-which other users can't read, protects it.
+`with UsbServer(bus, path)` serves a bus. A driver in another process of the same user reaches it by
+its option backend = "simulated@PATH". A key file beside the socket, which other users can't read,
+protects it.
 """
 
 from __future__ import annotations

@@ -193,7 +193,7 @@ class VariSpecMachine(FaultyMachine):
                 self.state.initialised = False
                 self._begin(t, _INITIALISATION, self._initialise)
             else:
-                self._begin(t, _COMMAND, self._confirm(letter))
+                self._begin(t, _COMMAND, lambda t: self._confirm(letter, t))
         elif letter == "E":
             self.state.pending = parse_integer(letter, words)
             self._begin(t, self.state.pending * _EXERCISE, self._exercise)
@@ -206,21 +206,21 @@ class VariSpecMachine(FaultyMachine):
         if letter in "WP" and "error code" in self._faults:
             raise CommandError(VariSpecErrorCode.NO_DRIVE_LEVELS)
         execute(self.state, letter, words, self.serial)
-        return self._confirm(letter)(t)
+        return self._confirm(letter, t)
 
     def _initialise(self, t: float) -> list[str]:
         self.state.initialised = self.state.exercised = True
         shortest, longest = self._range
         self.state.tune(self.state.wavelength or min(max(550.0, shortest), longest))
-        return self._confirm("I")(t)
+        return self._confirm("I", t)
 
     def _exercise(self, t: float) -> list[str]:
         self.state.pending, self.state.exercised = 0, True
-        return self._confirm("E")(t)
+        return self._confirm("E", t)
 
-    def _confirm(self, letter: str) -> Callable[[float], list[str]]:
+    def _confirm(self, letter: str, t: float) -> list[str]:
         """Make the reply to a completed command: none unless brief mode is 2."""
-        return lambda t: self._query_reply(letter, t) if self.state.brief == 2 else []
+        return self._query_reply(letter, t) if self.state.brief == 2 else []
 
     def _query_reply(self, letter: str, t: float) -> list[str]:
         told = reply_lines(self.state, letter, self.serial, self.firmware, self._heat(t))
