@@ -117,12 +117,13 @@ class Situation:
     @property
     def _focusing(self) -> tuple[Lens, Band, Iterator[float], float]:
         """Return the lens, the band, the layers' distances to the lens and the drift of focus."""
-        # Only a lens whose focus shifts needs the distances.
-        distances = (
-            object_to_lens_distance(self.camera, distance)
-            for distance in {layer.distance for layer in self.target.layers}
-        )
-        return self.camera.lens, self.band, distances, self.focus_drift
+
+        def distances() -> Iterator[float]:
+            # Only a lens whose focus shifts needs them.
+            for distance in {layer.distance for layer in self.target.layers}:
+                yield object_to_lens_distance(self.camera, distance)
+
+        return self.camera.lens, self.band, distances(), self.focus_drift
 
     @property
     def picture_probe(self) -> PictureProbe:
