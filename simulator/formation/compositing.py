@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -10,19 +10,101 @@ import torch
 from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Order
 from simulator.formation.layer_psfs import LayerPSFs
-from simulator.formation.objects import ObjectSpectra
+from simulator.formation.objects import ObjectSpectra, Place
 from simulator.formation.sample_grid import SampleGrid
 
+Blur = Callable[[Sequence[torch.Tensor]], torch.Tensor | None]
+"""Function from a picture's spectra, one for each place, to its light; None if none is near."""
 
-class ZerothOrderPath:
-    """The way of the light that stays in the zeroth order of the panel's pixel grid.
 
-    number: the layer. node: the wavelength. Spectra are of the light on samples, in electrons per
-    second and pixel, one for each channel.
+class LightPath:
+    """The way of light that the panel's pixel grid diffracts into one side order.
+
+    An order's PSF is computed around its centre, and convolved with the object as if that were
+    there. order: None for the zeroth, which has a class of its own. number: the layer. node: the
+    wavelength. Spectra are of the light on samples, in electrons per second and pixel, one for each
+    channel.
     """
 
-    def __init__(self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs) -> None:
+    def __init__(
+        self,
+        gathering: SampleGrid,
+        objects: ObjectSpectra,
+        spreading: LayerPSFs,
+        order: Order | None,
+    ) -> None:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
+        self._order = order
+
+    def layer_spectra(
+        self, number: int, cell: ExposureCell, nodes: Sequence[int]
+    ) -> list[torch.Tensor]:
+        """Return a layer's light of some wavelengths."""
+        total = self._gathering.zero_spectra(self._spreading.channels)
+        for node in nodes:
+            for channel, light in enumerate(self.wavelength_spectra(number, node, cell)):
+                total[channel] += light
+        return total
+
+    def wavelength_spectra(self, number: int, node: int, cell: ExposureCell) -> list[torch.Tensor]:
+        """Return a layer's light of one wavelength; nothing if none of a side order is near."""
+        layer, weights = self._spreading.layers[number], self._spreading.weights[number]
+        off = self._offset(node)
+        where = self._objects.placement(layer, cell, off)
+        if where is None:
+            return []
+        dark = self._gathering.zero_spectra
+        total = [] if self._order else dark(self._spreading.channels)
+        blur = self._blur(number, node, cell)
+        for part, one in enumerate(layer.parts):
+            if self._order and self._objects.is_off_plane(one.picture, layer, cell, off):
+                continue
+            angle = self._spreading.angles[number][part]
+            light = blur(self._objects.light_spectra(one.picture, where, angle))
+            if light is not None:
+                total = total or dark(self._spreading.channels)
+                for spectrum, weight in zip(total, weights[:, part, node], strict=True):
+                    spectrum += float(weight) * light
+        return total
+
+    def cover_spectrum(self, number: int, node: int, cell: ExposureCell) -> torch.Tensor | None:
+        """Return the share of the light behind that a layer hides; None if it hides none nearby."""
+        layer = self._spreading.layers[number]
+        assert layer.cover is not None
+        where = self._objects.placement(layer, cell, self._offset(node))
+        if where is None:
+            return None
+        return self._blur(number, node, cell)(self._objects.cover_spectra(layer.cover, where))
+
+    def share(self, number: int, node: int, cell: ExposureCell) -> float:
+        """Return the share of the light in the PSF's window; the zeroth's may hold side orders."""
+        first = self._objects.places[0]
+        return float(self._spreading.psf(number, node, first, cell, self._order).sum())
+
+    def _offset(self, node: int) -> Place:
+        """Return where the order's centre lies, (y, x) metres from the image."""
+        return self._spreading.order_centre(node, self._order) if self._order else (0.0, 0.0)
+
+    def _blur(self, number: int, node: int, cell: ExposureCell) -> Blur:
+        """Return the function that blurs a layer's pictures at one wavelength."""
+
+        def blur(spectra: Sequence[torch.Tensor]) -> torch.Tensor | None:
+            if not any(bool(one.any()) for one in spectra):
+                return None
+            total = self._gathering.zero_spectra(1)[0]
+            for place, spectrum in zip(self._objects.places, spectra, strict=True):
+                psf = self._spreading.psf(number, node, place, cell, self._order)
+                total += self._gathering.transfer(psf, "panel orders") * spectrum
+            return total
+
+        return blur
+
+
+class ZerothOrderPath(LightPath):
+    """The way of the light that stays in the zeroth order of the panel's pixel grid."""
+
+    def __init__(self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs) -> None:
+        super().__init__(gathering, objects, spreading, None)
 
     def layer_spectra(
         self, number: int, cell: ExposureCell, nodes: Sequence[int]
@@ -56,124 +138,17 @@ class ZerothOrderPath:
                     spectrum += next(transfers) * shining[index][at]
         return total
 
-    def wavelength_spectra(self, number: int, node: int, cell: ExposureCell) -> list[torch.Tensor]:
-        """Return a layer's light of one wavelength."""
-        layer, weights = self._spreading.layers[number], self._spreading.weights[number]
-        total = self._gathering.zero_spectra(self._spreading.channels)
-        where = self._objects.placement(layer, cell)
-        assert where is not None
-        transfers = self._transfers(number, node, cell)
-        angles = self._spreading.angles[number]
-        for part, one in enumerate(layer.parts):
-            shining = self._objects.light_spectra(one.picture, where, angles[part])
-            light = _apply_transfers(transfers, shining)
-            for spectrum, weight in zip(total, weights[:, part, node], strict=True):
-                spectrum += float(weight) * light
-        return total
-
-    def cover_spectrum(self, number: int, node: int, cell: ExposureCell) -> torch.Tensor:
-        """Return the spectrum of a layer's cover at one wavelength, blurred by its PSF.
-
-        The cover is the share of the light behind that the layer hides.
-        """
-        layer = self._spreading.layers[number]
-        where = self._objects.placement(layer, cell)
-        assert where is not None
-        assert layer.cover is not None
-        covers = self._objects.cover_spectra(layer.cover, where)
-        return _apply_transfers(self._transfers(number, node, cell), covers)
-
-    def share(self, number: int, node: int, cell: ExposureCell) -> float:
-        """Return the share of the light in the PSF's window, where side orders may lie, too."""
-        first = self._objects.places[0]
-        return float(self._spreading.psf(number, node, first, cell).sum())
-
-    def _transfers(self, number: int, node: int, cell: ExposureCell) -> list[torch.Tensor]:
-        """Return a layer's transfer functions at one wavelength, one for each place."""
+    def _blur(self, number: int, node: int, cell: ExposureCell) -> Blur:
         psfs = (self._spreading.psf(number, node, place, cell) for place in self._objects.places)
-        return [self._gathering.transfer(psf, "occlusion") for psf in psfs]
+        transfers = [self._gathering.transfer(psf, "occlusion") for psf in psfs]
 
-
-def _apply_transfers(
-    transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]
-) -> torch.Tensor:
-    """Blur: sum the places' spectra times their transfer functions."""
-    total = transfers[0] * spectra[0]
-    for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):
-        total += transfer * spectrum
-    return total
-
-
-class SideOrderPath:
-    """The way of light that the panel's pixel grid diffracts into one side order.
-
-    Its PSF is computed around the order's centre, and convolved with the object as if that were
-    there.
-    """
-
-    def __init__(
-        self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs, order: Order
-    ) -> None:
-        self._gathering, self._objects, self._spreading = gathering, objects, spreading
-        self._order = order
-
-    def layer_spectra(
-        self, number: int, cell: ExposureCell, nodes: Sequence[int]
-    ) -> list[torch.Tensor]:
-        """Return a layer's light of some wavelengths."""
-        total = self._gathering.zero_spectra(self._spreading.channels)
-        for node in nodes:
-            for channel, light in enumerate(self.wavelength_spectra(number, node, cell)):
-                total[channel] += light
-        return total
-
-    def wavelength_spectra(self, number: int, node: int, cell: ExposureCell) -> list[torch.Tensor]:
-        """Return a layer's light of one wavelength; nothing if none of it is near the frame."""
-        layer, weights = self._spreading.layers[number], self._spreading.weights[number]
-        off = self._spreading.order_centre(node, self._order)
-        where = self._objects.placement(layer, cell, off)
-        total: list[torch.Tensor] = []
-        if where is None:
+        def blur(spectra: Sequence[torch.Tensor]) -> torch.Tensor:
+            total = transfers[0] * spectra[0]
+            for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):
+                total += transfer * spectrum
             return total
-        for part, one in enumerate(layer.parts):
-            if self._objects.is_off_plane(one.picture, layer, cell, off):
-                continue
-            angle = self._spreading.angles[number][part]
-            shining = self._objects.light_spectra(one.picture, where, angle)
-            light = self._spectrum(number, node, cell, shining)
-            if light is None:
-                continue
-            total = total or self._gathering.zero_spectra(self._spreading.channels)
-            for channel, spectrum in enumerate(total):
-                spectrum += float(weights[channel, part, node]) * light
-        return total
 
-    def cover_spectrum(self, number: int, node: int, cell: ExposureCell) -> torch.Tensor | None:
-        """Return the spectrum of a layer's cover, which may be beside the frame: then None."""
-        layer = self._spreading.layers[number]
-        assert layer.cover is not None
-        off = self._spreading.order_centre(node, self._order)
-        where = self._objects.placement(layer, cell, off)
-        if where is None:
-            return None
-        return self._spectrum(number, node, cell, self._objects.cover_spectra(layer.cover, where))
-
-    def share(self, number: int, node: int, cell: ExposureCell) -> float:
-        """Return the share of the light in the order's window."""
-        first = self._objects.places[0]
-        return float(self._spreading.psf(number, node, first, cell, self._order).sum())
-
-    def _spectrum(
-        self, number: int, node: int, cell: ExposureCell, spectra: list[torch.Tensor]
-    ) -> torch.Tensor | None:
-        """Return a picture's spectrum in this order, or None if none of its light is near."""
-        if not any(bool(one.any()) for one in spectra):
-            return None
-        total = self._gathering.zero_spectra(1)[0]
-        for place, spectrum in zip(self._objects.places, spectra, strict=True):
-            psf = self._spreading.psf(number, node, place, cell, self._order)
-            total += self._gathering.transfer(psf, "panel orders") * spectrum
-        return total
+        return blur
 
 
 @dataclass(frozen=True)
@@ -185,7 +160,7 @@ class Compositor:
 
     gathering: SampleGrid
     spreading: LayerPSFs
-    paths: Sequence[ZerothOrderPath | SideOrderPath]
+    paths: Sequence[LightPath]
     occlusion: bool
 
     def spectra(self, cell: ExposureCell, nodes: Sequence[int]) -> list[torch.Tensor]:
@@ -218,9 +193,7 @@ class Compositor:
             return self.gathering.zero_spectra(self.spreading.channels)
         return [self.gathering.transform_samples(light, "occlusion") for light in total]
 
-    def _path_light(
-        self, way: ZerothOrderPath | SideOrderPath, node: int, cell: ExposureCell
-    ) -> list[torch.Tensor]:
+    def _path_light(self, way: LightPath, node: int, cell: ExposureCell) -> list[torch.Tensor]:
         """Return the light of one wavelength and path on samples, near layers before far ones.
 
         There is one picture for each channel, or none if no layer's light is near the frame.

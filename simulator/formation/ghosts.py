@@ -33,7 +33,13 @@ def ghost_on_pixels(
     transform sums all detail.
     """
     scale = abs(ghost.magnification)
-    passed = spectrum * _ghost_transfer(plane, frame, ghost, aperture=aperture)
+    # The transfer function of the ghost's disc and of pixels, in the picture's size.
+    transfer = spectrum_of_disc(plane, ghost.blur_diameter / scale).real
+    if aperture:
+        fy, fx = rfft2_frequencies(plane)
+        y, x = (side / scale for side in frame.pitch)
+        transfer = transfer * torch.sinc(fy * y) * torch.sinc(fx * x)
+    passed = spectrum * transfer.to(torch.float32)
     # Columns between the first and the last count twice, for their mirror images.
     passed = passed * rfft_column_weights(plane.shape[1])
     if ghost.magnification > 0:
@@ -46,14 +52,3 @@ def ghost_on_pixels(
     centred = torch.roll(passed, rows // 2, 0).to(torch.complex64)
     light = transform(centred).real
     return light / (scale**2 * math.prod(plane.shape))
-
-
-def _ghost_transfer(plane: Plane, frame: Plane, ghost: Ghost, *, aperture: bool) -> torch.Tensor:
-    """Return the transfer function of a ghost's disc and of pixels, in the picture's size."""
-    scale = abs(ghost.magnification)
-    transfer = spectrum_of_disc(plane, ghost.blur_diameter / scale).real
-    if aperture:
-        fy, fx = rfft2_frequencies(plane)
-        y, x = (side / scale for side in frame.pitch)
-        transfer = transfer * torch.sinc(fy * y) * torch.sinc(fx * x)
-    return transfer.to(torch.float32)

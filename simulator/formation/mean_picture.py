@@ -13,7 +13,7 @@ from optics.camera.ghost import total_share
 from optics.formation import rfft2_frequencies
 from optics.sensor.crosstalk import mix_neighbours
 from simulator.formation.coarse_orders import CoarseOrders
-from simulator.formation.compositing import Compositor, SideOrderPath, ZerothOrderPath
+from simulator.formation.compositing import Compositor, LightPath, ZerothOrderPath
 from simulator.formation.distorting import DISTORTION_OPERATIONS, distort
 from simulator.formation.dust_shadows import cast_shadows
 from simulator.formation.exposure_cells import ExposureCell, exposure_cells
@@ -141,16 +141,11 @@ class _Rendering:
         objects = ObjectSpectra(self._gathering, kernels)
         spreading = LayerPSFs(kernels, objects)
         self._wavelengths = [one.metres for one in spreading.nodes]
-        ways: list[ZerothOrderPath | SideOrderPath]
-        ways = [ZerothOrderPath(self._gathering, objects, spreading)]
+        ways: list[LightPath] = [ZerothOrderPath(self._gathering, objects, spreading)]
         if not windows.merged_orders:
             span = range(-orders, orders + 1)
-            ways += [
-                SideOrderPath(self._gathering, objects, spreading, (y, x))
-                for y in span
-                for x in span
-                if y or x
-            ]
+            sides = [(y, x) for y in span for x in span if y or x]
+            ways += [LightPath(self._gathering, objects, spreading, one) for one in sides]
         self._layered = Compositor(self._gathering, spreading, ways, recipe.occlusion)
         self._coarse_orders = CoarseOrders(kernels, spreading, objects) if coarse else None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,13 +92,13 @@ def electrons_by_angle(
         x, measure = electrons_by_wavelength(spectra, curves, band, leak)
         return x, np.stack([measure] * len(squared))
     bands = [band.at_angle(one) for one in squared]
-    low, high = min(one.support[0] for one in bands), max(one.support[1] for one in bands)
-    low, high = _seen_range(spectra, curves, low, high)
-    if low >= high:
-        return np.zeros(0), np.zeros((len(squared), len(curves), len(spectra), 0))
-    x, w = _fine_points([*spectra, *curves], low, high)
-    passed = np.stack([one.transmission(x) for one in bands])
-    return x, _density(spectra, curves, x) * (w * passed)[:, None, None]
+    ends = min(one.support[0] for one in bands), max(one.support[1] for one in bands)
+
+    def transmission(x: Array) -> Array:
+        return np.stack([one.transmission(x) for one in bands])[:, None, None]
+
+    x, measure = _electrons(spectra, curves, ends, transmission)
+    return x, measure if x.size else np.zeros((len(squared), *measure.shape))
 
 
 def electrons_by_wavelength(
@@ -109,13 +109,39 @@ def electrons_by_wavelength(
     The result is points in metres, none without light, and each point's share of the integral in
     electrons per joule of white light, (curves, spectra, points).
     """
-    ends = band.leak_range if leak else band.support
-    low, high = _seen_range(spectra, curves, *ends)
-    if low >= high or (leak and not band.leak):
+    if not leak:
+        return _electrons(spectra, curves, band.support, band.transmission)
+    ends = band.leak_range if band.leak else (0.0, 0.0)
+    return _electrons(spectra, curves, ends, lambda x: np.asarray(band.leak))
+
+
+def _electrons(
+    spectra: Sequence[Spectrum],
+    curves: Sequence[Spectrum],
+    ends: tuple[float, float],
+    transmission: Callable[[Array], Array],
+) -> tuple[Array, Array]:
+    """Return electrons_by_wavelength() of light between two wavelengths that is transmitted."""
+    if not spectra:
+        return np.zeros(0), np.zeros((len(curves), 0, 0))
+    every = [*spectra, *curves]
+    low = max(ends[0], min(one.low for one in spectra), min(one.low for one in curves))
+    high = min(ends[1], max(one.high for one in spectra), max(one.high for one in curves))
+    if low >= high:
         return np.zeros(0), np.zeros((len(curves), len(spectra), 0))
-    x, w = _fine_points([*spectra, *curves], low, high)
-    passed = band.leak if leak else band.transmission(x)
-    return x, _density(spectra, curves, x) * (w * passed)
+    # Gauss-Legendre between the spectra's kinks, in 20 intervals at least. Tables may have hundreds
+    # of kinks: the points per interval are limited to 4 to 24, for about 4000 in all.
+    kinks = {low, high, *np.linspace(low, high, 20 + 1).tolist()}
+    kinks.update(x for one in every for x in one.wavelengths if low < x < high)
+    edges = np.array(sorted(kinks))
+    node, weight = gauss_legendre(max(4, min(24, 4000 // len(edges))))
+    half = np.diff(edges)[:, None] / 2
+    x = ((edges[:-1] + edges[1:])[:, None] / 2 + half * node).ravel()
+    w = (half * weight).ravel()
+    photons = x / (constants.h * constants.c)
+    sent = np.stack([one.at(x) for one in spectra])
+    density = np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
+    return x, density * (w * transmission(x))
 
 
 def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
@@ -139,42 +165,6 @@ def mean_curve(colour: Mosaic) -> Spectrum:
     for curve, count in curves:
         total += curve.at(nodes) * (count / len(letters))
     return Spectrum(tuple(nodes), tuple(total))
-
-
-def _seen_range(
-    spectra: Sequence[Spectrum], curves: Sequence[Spectrum], low: float, high: float
-) -> tuple[float, float]:
-    """Return the part of a wavelength range in which light is emitted and detected."""
-    if not spectra:
-        return low, low
-    low = max(low, min(one.low for one in spectra), min(one.low for one in curves))
-    return low, min(high, max(one.high for one in spectra), max(one.high for one in curves))
-
-
-def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Array, Array]:
-    """Return points and weights that integrate all spectra: Gauss-Legendre between their kinks."""
-    kinks = {low, high}
-    for one in every:
-        kinks.update(x for x in one.wavelengths if low < x < high)
-    kinks.update(np.linspace(low, high, 20 + 1).tolist())  # There are at least 20 intervals.
-    edges = np.array(sorted(kinks))
-    # Tables may have hundreds of kinks: the points per interval are limited to 4 to 24, for about
-    # 4000 in all.
-    count = max(4, min(24, 4000 // len(edges)))
-    node, weight = gauss_legendre(count)
-    half = np.diff(edges)[:, None] / 2
-    x = (edges[:-1] + edges[1:])[:, None] / 2 + half * node
-    return x.ravel(), (half * weight).ravel()
-
-
-def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) -> Array:
-    """Return the electrons' spectral density, (curves, spectra, x).
-
-    It is in electrons per metre of wavelength and joule of white light.
-    """
-    photons = x / (constants.h * constants.c)
-    sent = np.stack([one.at(x) for one in spectra])
-    return np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
 
 
 def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from optics.light.spectrum import Spectrum
 from simulator.scene.colours import extend_to_silicon_range
 from simulator.scene.framed import FramedPicture, require_image
+from simulator.scene.target import Layer
 
 
 def factorise_spectra(
@@ -93,11 +94,10 @@ class Cube(FramedPicture):
         Spectrum(self.wavelengths, (0.0,) * len(self.wavelengths))
 
     @cached_property
-    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+    def layers(self) -> tuple[Layer, ...]:
         samples = self.image.reshape(-1, self.image.shape[2]).numpy().astype(np.float64)
         weights, basis = factorise_spectra(samples, self.tol)
-        pictures = weights.T.reshape(-1, *self.shape).astype(np.float32)
+        pictures = map(torch.from_numpy, weights.T.reshape(-1, *self.shape).astype(np.float32))
         spectra = (Spectrum(self.wavelengths, tuple(one)) for one in basis)
-        return tuple(
-            zip(map(extend_to_silicon_range, spectra), map(torch.from_numpy, pictures), strict=True)
-        )
+        painted = zip(map(extend_to_silicon_range, spectra), pictures, strict=True)
+        return (self.painted_layer(self.distance, painted),)

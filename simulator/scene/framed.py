@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -68,11 +68,6 @@ class FramedPicture(_Pixels, Target):
         """Return the image's rows and columns."""
         return self.image.shape[0], self.image.shape[1]
 
-    @property
-    @abstractmethod
-    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        """Return reflectances and pictures (rows, columns) whose products add up to the target."""
-
     def for_camera(self, camera: Camera) -> Target:
         if self.height is not None:
             return self
@@ -96,14 +91,13 @@ class FramedPicture(_Pixels, Target):
             raise ValueError("a print's size follows from the frame; use for_camera() first")
         return PixelPicture(image, self.side, self.offset, on_sensor=True)
 
-    @cached_property
-    def layers(self) -> tuple[Layer, ...]:
-        return (Layer(self.distance, self.painted_parts(self.images)),)
-
-    def painted_parts(self, images: Iterable[tuple[Spectrum, torch.Tensor]]) -> tuple[Part, ...]:
-        """Return the parts whose light reflectances and pictures make."""
-        return tuple(
-            Part(self.reflected_radiance(one), self.place_image(image)) for one, image in images
+    def painted_layer(
+        self, distance: float, images: Iterable[tuple[Spectrum, torch.Tensor]]
+    ) -> Layer:
+        """Return a layer whose light is the sum of reflectances times pictures (rows, columns)."""
+        return Layer(
+            distance,
+            tuple(Part(self.reflected_radiance(one), self.place_image(im)) for one, im in images),
         )
 
 
@@ -145,6 +139,6 @@ class PhotographPrint(FramedPicture):
         super().__post_init__()
         require_colours(self.image)
 
-    @property
-    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        return colour_planes(self.basis, self.image)
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        return (self.painted_layer(self.distance, colour_planes(self.basis, self.image)),)

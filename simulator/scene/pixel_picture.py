@@ -50,11 +50,7 @@ def averaging_matrix(pixels: int, side: float, middle: float, edges: NDArray[np.
 
 
 def window_matrix(
-    pixels: int,
-    side: float,
-    middle: float,
-    window: tuple[float, float],
-    edges: NDArray[np.float64],
+    pixels: int, side: float, middle: float, window: tuple[float, float], edges: NDArray[np.float64]
 ) -> Matrix:
     """Return the matrix (cells, pixels) of the share of each cell that a pixel's window lights.
 

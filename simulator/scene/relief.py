@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +10,6 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from optics.light.spectrum import Spectrum
 from optics.validation import require_positive
 from simulator.scene.colours import Basis, primaries
 from simulator.scene.framed import FramedPicture, colour_planes, require_colours
@@ -106,11 +105,6 @@ class Relief(FramedPicture):
         object.__setattr__(self, "distance", float(known.min()))
         super().__post_init__()
 
-    @property
-    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        """Return the reflectances and pictures, without the distances."""
-        return colour_planes(self.basis, self.image)
-
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
         depths = self.depths.numpy()
@@ -132,8 +126,9 @@ class Relief(FramedPicture):
                 shown[far][filled] = colours[where][filled]
         found = []
         for distance, picture, cover in zip(distances, shown, covers, strict=True):
-            parts = self.painted_parts(colour_planes(self.basis, torch.from_numpy(picture)))
-            found.append(Layer(distance, parts, self.place_image(torch.from_numpy(cover))))
+            planes = colour_planes(self.basis, torch.from_numpy(picture))
+            hidden = self.place_image(torch.from_numpy(cover))
+            found.append(replace(self.painted_layer(distance, planes), cover=hidden))
         return tuple(found)
 
 

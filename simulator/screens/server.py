@@ -206,8 +206,10 @@ class XServer:
 
     Parameters
     ----------
-    display, process : str, int
-        The server's display, such as ":1", and its process id.
+    display : str
+        The server's display, such as ":1".
+    process : int
+        The server's process id.
     """
 
     def __init__(self, display: str, process: int) -> None:
