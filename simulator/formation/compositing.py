@@ -31,7 +31,7 @@ class LightPath:
         gathering: SampleGrid,
         objects: ObjectSpectra,
         spreading: LayerPSFs,
-        order: Order | None,
+        order: Order | None = None,
     ) -> None:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
         self._order = order
@@ -102,9 +102,6 @@ class LightPath:
 
 class ZerothOrderPath(LightPath):
     """The way of the light that stays in the zeroth order of the panel's pixel grid."""
-
-    def __init__(self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs) -> None:
-        super().__init__(gathering, objects, spreading, None)
 
     def layer_spectra(
         self, number: int, cell: ExposureCell, nodes: Sequence[int]

@@ -22,7 +22,7 @@ from simulator.recipe import Recipe
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
-K = TypeVar("K")
+K = TypeVar("K", str, tuple[int, int])
 
 PanelStates = list[tuple[PanelState, Array]]
 """What the panel shows, with the weight of a cell."""
@@ -108,22 +108,15 @@ class _PanelTimes:
     end: float
 
     def picture_weights(self) -> PanelStates:
-        """Return what the panel shows, with each row's weight, if the crystal responds at once.
-
-        If all rows see the same, all pictures are in one cell.
-        """
+        """Return what the panel shows, with each row's weight, if the crystal responds at once."""
         present = self._row_weights(1, lambda frame: self.s.panel_content.names[frame])
-        if len(self.starts) > 1:
-            return [(PictureShares(((name, 1.0),)), w) for name, w in sorted(present.items())]
-        total = sum(float(w[0]) for w in present.values())
-        shares = tuple((name, float(w[0]) / total) for name, w in sorted(present.items()))
-        return [(PictureShares(shares), np.array([total]))] if present else []
+        return self._states(present, lambda shares: PictureShares(tuple(shares.items())))
 
     def frame_weights(self) -> PanelStates:
         """Return parts of video frames, with each row's weight, for a slow crystal."""
         parts = 8  # Rows and lamp weight each eighth of a frame by itself.
         shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / parts
-        weights = self._row_weights(parts, lambda part: divmod(part, parts))
+        present = self._row_weights(parts, lambda part: divmod(part, parts))
 
         def sequence(shares: dict[tuple[int, int], float]) -> FrameSequence:
             spans = tuple(
@@ -132,12 +125,17 @@ class _PanelTimes:
             )
             return FrameSequence(shown.names, shown.frame_time, spans)
 
+        return self._states({key: present[key] for key in sorted(present)}, sequence)
+
+    def _states(
+        self, weights: dict[K, Array], state: Callable[[dict[K, float]], PanelState]
+    ) -> PanelStates:
+        """Return the states of shares of items; a single one if all rows see the same."""
         if len(self.starts) > 1:
-            return [(sequence({key: 1.0}), weights[key]) for key in sorted(weights)]
-        times = {key: float(weights[key][0]) for key in sorted(weights)}
-        total = sum(times.values())
-        shares = {key: time / total for key, time in times.items()}
-        return [(sequence(shares), np.array([total]))] if times else []
+            return [(state({key: 1.0}), weights[key]) for key in sorted(weights)]
+        total = sum(float(weight[0]) for weight in weights.values())
+        shares = {key: float(weights[key][0]) / total for key in sorted(weights)}
+        return [(state(shares), np.array([total]))] if weights else []
 
     def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
         """Return the seconds of the lamp's mean light for which each row sees each item of a video.
