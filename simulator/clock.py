@@ -11,15 +11,13 @@ from collections.abc import Callable
 class VirtualClock:
     """A clock whose time advances only while a caller waits.
 
-    speed: seconds of virtual time per second of real time. It is infinite by default: waiting then
-    takes no real time.
+    speed: seconds of virtual time per second of real time; infinite, waiting takes no time.
     """
 
     def __init__(self, speed: float = math.inf) -> None:
         if not speed > 0:
             raise ValueError(f"speed is {speed:g}; it must be positive. 1 is real time")
-        self._speed = speed
-        self._time = 0.0
+        self._speed, self._time = speed, 0.0
         self._lock = threading.Lock()
 
     def now(self) -> float:
@@ -36,9 +34,6 @@ class VirtualClock:
                 time.sleep(min(left, 0.01))
             passed = (time.monotonic() - started) * self._speed
             # Two threads that wait at once share the elapsed time; it isn't added up.
-            self._reach(time_ if left == 0 else min(time_, at_start + passed))
-
-    def _reach(self, time_: float) -> None:
-        """Advance the time to `time_`, never backwards."""
-        with self._lock:
-            self._time = max(self._time, time_)
+            reached = time_ if left == 0 else min(time_, at_start + passed)
+            with self._lock:
+                self._time = max(self._time, reached)

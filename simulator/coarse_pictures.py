@@ -18,7 +18,6 @@ from simulator.effects.registry import EFFECTS
 from simulator.formation import expected_electrons
 from simulator.ledger import Ledger
 from simulator.planning.effect_plan import build_recipe
-from simulator.recipe import Recipe
 from simulator.situation import Situation
 
 _PIXELS = 1 << 18
@@ -43,8 +42,8 @@ _LEVELS = {"unmodulated light": 1, "diffraction": 1, "pixel aperture": 1}
 class CoarsePictures:
     """Predict the mean picture of situations on larger pixels, without planning any effects.
 
-    The prediction has one wavelength and one depth. What the panel doesn't modulate and diffraction
-    by the pattern are in it; the PSF's window follows from the slope of the pattern.
+    It has one wavelength and one depth, what the panel doesn't modulate, and diffraction by the
+    pattern, whose slope gives the PSF's window.
     """
 
     def __init__(self) -> None:
@@ -59,23 +58,21 @@ class CoarsePictures:
         """
         if s.camera.sensor.colour is not None:
             raise ValueError("the sensor has colour filters: coarse pictures are grey")
-        joined = pixels_joined(s.camera)
-        coarse = replace(s, camera=_with_larger_pixels(s.camera, joined))
-        light = expected_electrons(coarse, self._recipe(coarse), self._cache, self._ledger, check)
-        return light / joined**2
-
-    def _recipe(self, s: Situation) -> Recipe:
-        """Return the recipe of a coarse picture.
-
-        Samples of the PSF are as far apart as its field's may be, twice as far as its irradiance's:
-        what overlaps then in its spectrum are only frequencies that a coarse pixel averages away.
-        """
-        samples = nyquist_samples_per_pixel(s.camera, s.wavelength) / 2
-        return build_recipe(EFFECTS, s, _LEVELS).with_changes(
-            window=psf_window(s),
+        joined, sensor = pixels_joined(s.camera), s.camera.sensor
+        shape = sensor.shape[0] // joined, sensor.shape[1] // joined
+        larger = replace(sensor, shape=shape, pitch=sensor.pitch * joined)
+        coarse = replace(s, camera=replace(s.camera, sensor=larger))
+        # Samples of the PSF are as far apart as its field's may be, twice as far as its
+        # irradiance's: what overlaps then in its spectrum are only frequencies that a coarse pixel
+        # averages away.
+        samples = nyquist_samples_per_pixel(coarse.camera, s.wavelength) / 2
+        recipe = build_recipe(EFFECTS, coarse, _LEVELS).with_changes(
+            window=psf_window(coarse),
             samples_per_pixel=math.ceil(1.05 * samples),
             picture_samples_per_pixel=1,
         )
+        light = expected_electrons(coarse, recipe, self._cache, self._ledger, check)
+        return light / joined**2
 
 
 def pixels_joined(camera: Camera) -> int:
@@ -86,8 +83,8 @@ def pixels_joined(camera: Camera) -> int:
 def psf_window(s: Situation) -> int:
     """Return the side of a PSF's window in sensor pixels, by the slope of the pattern.
 
-    A step of 2π per panel pixel sends light into the next order, which is λ b / pitch away from
-    this one on the sensor, with the ray matrix' element b: geometric optics of the same wavefront.
+    A step of 2π per panel pixel sends light into the next order, λ b / pitch away on the sensor,
+    with the ray matrix' element b: geometric optics of the same wavefront.
     """
     camera, panel = s.camera, s.camera.panel
     grey = torch.tensor(s.panel_content.first)
@@ -101,15 +98,3 @@ def psf_window(s: Situation) -> int:
         steepest = max(steepest, float(turns.abs().flatten().topk(count).values[-1]))
     margin = _MARGIN / camera.sensor.pitch
     return math.ceil(min(2 * steepest * order + margin, order + 1))
-
-
-def _with_larger_pixels(camera: Camera, joined: int) -> Camera:
-    """Return a camera whose pixels are as large as a square of `joined` ones."""
-    sensor = camera.sensor
-    rows, columns = sensor.shape
-    return replace(
-        camera,
-        sensor=replace(
-            sensor, shape=(rows // joined, columns // joined), pitch=sensor.pitch * joined
-        ),
-    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 from drivers.errors import DeviceError
@@ -13,39 +13,21 @@ from drivers.interfaces import Clock
 
 Role = Literal["slm", "filter", "camera", "targets"]
 
-Kind = Literal[
-    "error",
-    "silence",
-    "slow",
-    "hung",
-    "disconnect",
-    "late frame",
-    "dropped frame",
-    "stale frame",
-    "wrong exposure",
-    "corrupt frame",
-]
+FrameKind = Literal["late frame", "dropped frame", "stale frame", "wrong exposure", "corrupt frame"]
 
-FRAME_KINDS: tuple[Kind, ...] = (
-    "late frame",
-    "dropped frame",
-    "stale frame",
-    "wrong exposure",
-    "corrupt frame",
-)
+Kind = Literal["error", "silence", "slow", "hung", "disconnect", FrameKind]
+
+FRAME_KINDS: tuple[Kind, ...] = get_args(FrameKind)
 """Kinds of faults that affect a camera's frame; no other device has them."""
-
-_EVER = math.inf
 
 
 @dataclass(frozen=True)
 class Fault:
     """One fault in a script.
 
-    device: the device's role on the bench. frame: index of the planned frame from which on the
-    fault can occur; it occurs at the device's next call. times: number of calls that fail.
-    seconds: seconds of bench time by which a slow call takes longer, or for which a device stays
-    disconnected.
+    device: the device's role. frame: index of the planned frame from which on it can occur, at the
+    device's next call. times: number of calls that fail. seconds: of bench time by which a slow
+    call takes longer, or for which a device stays disconnected.
     """
 
     device: Role
@@ -72,24 +54,14 @@ class Fault:
             raise ValueError(f"seconds is {self.seconds:g}; it must be finite and not negative")
 
 
-@dataclass
-class _Pending:
-    """A fault and the number of times that it has still to occur."""
-
-    fault: Fault
-    left: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.left = self.fault.times
-
-
 class FaultScript:
     """The faults that have still to occur, and the devices that are disconnected now."""
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
         self.script = tuple(faults)
-        self._pending = [_Pending(fault) for fault in self.script]
-        self._away_until: dict[str, float] = {}
+        self._left = [fault.times for fault in self.script]
+        self.away_until: dict[str, float] = {}
+        """Until when, by the bench's clock, the device of a role is disconnected."""
         self.frame = 0
         """Index of the planned frame that the bench takes now."""
 
@@ -98,30 +70,21 @@ class FaultScript:
 
         frame: whether the call asks a camera for a frame.
         """
-        for pending in self._pending:
-            fault = pending.fault
+        for number, fault in enumerate(self.script):
             fits = fault.device == role and (frame or fault.kind not in FRAME_KINDS)
-            if fits and pending.left and self.frame >= fault.frame:
-                pending.left -= 1
+            if fits and self._left[number] and self.frame >= fault.frame:
+                self._left[number] -= 1
                 return fault
         return None
 
     def put_off(self, fault: Fault) -> None:
         """Put off to the next call a fault that can't occur in the present one."""
-        next(pending for pending in self._pending if pending.fault is fault).left += 1
+        self._left[next(n for n, one in enumerate(self.script) if one is fault)] += 1
 
     @property
     def is_unused(self) -> bool:
         """Return whether no fault has occurred yet."""
-        return all(pending.left == pending.fault.times for pending in self._pending)
-
-    def unplug(self, role: str, until: float) -> None:
-        """Disconnect the device of a role until a time of the bench's clock."""
-        self._away_until[role] = until
-
-    def is_away(self, role: str, now: float) -> bool:
-        """Return whether the device of a role is disconnected now, by the bench's clock."""
-        return now < self._away_until.get(role, -_EVER)
+        return self._left == [fault.times for fault in self.script]
 
 
 class FaultInjector:
@@ -137,7 +100,7 @@ class FaultInjector:
 
     def require_plugged(self) -> None:
         """Raise DeviceError if the device to open is unplugged."""
-        if self._script.is_away(self._role, self._clock.now()):
+        if self._clock.now() < self._script.away_until.get(self._role, -math.inf):
             raise self._error("open", "there is no such device", "Plug it in")
 
     def begin(self, command: str, reply_time: float, *, frame: bool = False) -> Fault | None:
@@ -158,7 +121,7 @@ class FaultInjector:
             return fault
         if fault.kind == "disconnect":
             self._unplugged = True
-            self._script.unplug(self._role, now + fault.seconds)
+            self._script.away_until[self._role] = now + fault.seconds
             raise self._error(command, "the device was disconnected", "Plug it in")
         if fault.kind == "hung":
             self._killed.wait()
@@ -168,10 +131,6 @@ class FaultInjector:
             self.require_alive(command)
             raise self._error(command, f"no reply within {reply_time:g} s", "Check the cable")
         raise self._error(command, "the device answers ERROR", "Switch it off and on")
-
-    def put_off(self, fault: Fault) -> None:
-        """Put off to the device's next call a fault that can't occur in the present one."""
-        self._script.put_off(fault)
 
     def kill(self) -> None:
         """Mark the device as killed, and end a hanging call."""

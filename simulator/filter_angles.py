@@ -16,10 +16,9 @@ from optics.plane import Plane
 def largest_squared_sine(camera: Camera) -> float:
     """Return sin² of the angle at which light of the frame's corner passes the filter.
 
-    A point's light comes to the lens along its chief ray, whose angle is the same on both sides of
-    the lens' middle. What is nearer than infinity also comes from the sides of the lens, by an
-    angle that is left out. Light from beside the frame is taken to have the corner's angle, but for
-    what distortion or a ghost bring into the frame.
+    A point's light comes along its chief ray, whose angle is the same on both sides of the lens'
+    middle; that from the sides of the lens, of what is near, is left out. Light from beside the
+    frame has the corner's angle, but for what distortion or a ghost bring into the frame.
     """
     half = [n * camera.sensor.pitch / 2 for n in camera.sensor.shape]
     beside = ghost_field(camera.ghosts, half)

@@ -36,8 +36,7 @@ def focus_range(lens: Lens, low: float, high: float) -> tuple[float, float]:
 def drifted_focus(camera: Camera, time: float, wavelength: float) -> float:
     """Return the drift of focus at a time in seconds, metres behind the sensor.
 
-    It is rounded to steps far below what changes a PSF, so that a camera that has warmed up shows
-    the same picture again.
+    It is rounded far below what changes a PSF: a camera that has warmed up shows the same picture.
     """
     if not camera.focus_drift:
         return 0.0
@@ -58,7 +57,11 @@ def focus_shifts(
         return (0.0,)
     low, high = focus_range(lens, *band.support)
     low, high = low + min(drift, 0.0), high + max(drift, 0.0)
-    sharp = (-_image_shift(lens, distance) for distance in distances)
+    z, sharp = as_number(lens.image_distance), []
+    for distance in distances:
+        # So far before the sensor does a thin lens form the image of a point.
+        vergence = as_number(vergence_error(lens, distance))
+        sharp.append(-(z**2 * vergence / (1 - z * vergence)) if z * vergence < 1 else -math.inf)
     between = (one for one in sharp if low < one < high)
     middle = lens.focus_shift(band.centre)
     depth = _depth(lens, band.support[0])
@@ -78,13 +81,6 @@ def leaked_focus_shifts(
     low, high = focus_range(lens, *band.leak_range)
     ends = low + min(drift, 0.0), high + max(drift, 0.0)
     return _with_others(list(known), ends, _depth(lens, band.support[0]))[len(known) :]
-
-
-def _image_shift(lens: Lens, distance: float) -> float:
-    """Return how far behind the sensor a thin lens forms the image of a point, metres."""
-    z = as_number(lens.image_distance)
-    vergence = as_number(vergence_error(lens, distance))
-    return z**2 * vergence / (1 - z * vergence) if z * vergence < 1 else math.inf
 
 
 def _depth(lens: Lens, wavelength: float) -> float:

@@ -1,16 +1,14 @@
 """The mount of the panel before the sensor: rotation, mirroring and shift of the panel's axes.
 
-What a pattern does to a picture turns and flips with the panel; the scene doesn't. A PSF is
-computed in the panel's axes on a finer and larger grid, and then resampled in the sensor's axes.
-Flips and quarter turns move whole samples. The rest of the rotation evaluates the Fourier series
-through the samples, because the pupil limits how fine a PSF's fringes are.
+A PSF is computed in the panel's axes on a finer and larger grid, and then resampled in the sensor's
+axes. Flips and quarter turns move whole samples. The rest of the rotation evaluates the Fourier
+series through the samples, because the pupil limits how fine a PSF's fringes are.
 
 Seen from a panel that is shifted by s, the lens with its stop and its aberrations is shifted by -s.
-The quadratic phase of a thin lens that is shifted is the same phase about the panel's middle and a
-prism. To paraxial order, a shift therefore has three effects: the stop and the aberrations lie
-elsewhere on the panel; the light of an object crosses the panel at another angle, which matters if
-the lens stands apart; and an image out of focus moves with the panel, by s times image distance
-times defocus. In focus, the image stays where it is.
+The quadratic phase of a shifted thin lens is the same phase about the panel's middle and a prism.
+To paraxial order, stop and aberrations then lie elsewhere on the panel; the light of an object
+crosses the panel at another angle, which matters if the lens stands apart; and an image out of
+focus moves with the panel, by s times image distance times defocus.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -42,9 +41,9 @@ def shift_aberrations(
 ) -> ZernikeTerms:
     """Return a lens' Zernike coefficients over a disc whose middle (y, x) lies beside the axis.
 
-    Lengths are in stop radii; `radius` is that of the disc. A polynomial over another disc is a sum
-    of polynomials of its degree and lower ones. The sum is found by solving at as many points as
-    determine it. Its mean, which has no effect, is left out.
+    Lengths are in stop radii; `radius` is the disc's. A polynomial over another disc is a sum of
+    those of its degree and lower ones, found by solving at as many points as determine it, without
+    its mean, which has no effect.
     """
     terms = tuple((n, m, as_number(path)) for n, m, path in terms)
     if not terms or ((y, x) == (0.0, 0.0) and radius == 1):
@@ -65,6 +64,7 @@ def shift_aberrations(
 
 
 Array = NDArray[np.float64]
+Coordinate = TypeVar("Coordinate", float, Array)
 
 _FADE_SAMPLES = 96
 """Samples over which a PSF fades to zero beyond its window, so that its Fourier series, which is
@@ -76,9 +76,9 @@ its fringes need, loses 2e-6 of its light."""
 class Mount:
     """How the panel is mounted before the sensor; it is mirrored first and then rotated.
 
-    rotation: radians from x (columns) towards y (rows), by which a pattern's PSF is turned on the
-    sensor. flip_x, flip_y: whether light that a pattern sends to larger x, or y, arrives at
-    smaller x, or y. shift: metres (y, x) in the lens' axes from its axis to the panel's middle.
+    rotation: radians from x (columns) towards y (rows), by which a PSF is turned on the sensor.
+    flip_x, flip_y: whether light that a pattern sends to larger x, or y, arrives at smaller x, or
+    y. shift: metres (y, x) in the lens' axes from its axis to the panel's middle.
     """
 
     rotation: float = 0.0
@@ -103,20 +103,15 @@ class Mount:
         return not any(self.shift)
 
     @property
-    def _quarters(self) -> int:
-        """Return the rotation as the nearest number of quarter turns."""
-        return round(self.rotation / (math.pi / 2))
-
-    @property
-    def _rest(self) -> float:
-        """Return the rotation beyond its quarter turns, in radians."""
-        return self.rotation - self._quarters * math.pi / 2
+    def _turns(self) -> tuple[int, float]:
+        """Return the rotation as the nearest number of quarter turns, and its rest in radians."""
+        quarters = round(self.rotation / (math.pi / 2))
+        return quarters, self.rotation - quarters * math.pi / 2
 
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
         """Return a lens that is aligned with the sensor as seen in the panel's axes.
 
-        Raises ValueError for a shifted panel before a lens that isn't thin, whose phase isn't
-        quadratic.
+        Raises ValueError for a shifted panel before a lens whose phase isn't quadratic.
         """
         if not self.is_centred and lens.kind != "thin":
             raise ValueError(
@@ -127,11 +122,18 @@ class Mount:
         away = self.shift[0] / half, self.shift[1] / half
         # The opening has to lie in the disc around the new middle, which is larger.
         radius = 1 + math.hypot(*away)
-        stop = replace(
-            lens.stop,
-            opening=self._shape(lens.stop.opening, away, radius),
-            obscurations=tuple(self._shape(one, away, radius) for one in lens.stop.obscurations),
-        )
+
+        def place(point: Point) -> Point:
+            y, x = ((one - middle) / radius for one, middle in zip(point, away, strict=True))
+            return self._point((y, x))
+
+        def shape(one: Shape) -> Shape:
+            if isinstance(one, Polygon):
+                return Polygon(tuple(place(corner) for corner in one.corners))
+            return Circle(one.radius / radius, place(one.centre))
+
+        obscurations = tuple(shape(one) for one in lens.stop.obscurations)
+        stop = replace(lens.stop, opening=shape(lens.stop.opening), obscurations=obscurations)
         moved = replace(lens, aberrations=shift_aberrations(lens.aberrations, *away, radius))
         return replace(
             lens, stop=stop, aberrations=self._aberrations(moved), f_number=lens.f_number / radius
@@ -142,21 +144,6 @@ class Mount:
         if self.is_aligned and self.is_centred:
             return camera
         return replace(camera, lens=self.lens_in_panel_axes(camera.lens))
-
-    def _shape(self, shape: Shape, away: Point, radius: float) -> Shape:
-        """Transform a shape of the lens' stop to the panel's axes.
-
-        away: (y, x) from the lens' axis to the panel's middle. radius: that of the disc in whose
-        radii the result is. Both are in stop radii.
-        """
-
-        def place(point: Point) -> Point:
-            y, x = ((one - middle) / radius for one, middle in zip(point, away, strict=True))
-            return self._point((y, x))
-
-        if isinstance(shape, Polygon):
-            return Polygon(tuple(place(corner) for corner in shape.corners))
-        return Circle(shape.radius / radius, place(shape.centre))
 
     def _point(self, point: Point) -> Point:
         """Transform a point (y, x) on the sensor to the panel's axes: rotate first, then mirror."""
@@ -169,7 +156,7 @@ class Mount:
         y, x = y * cos - x * sin, x * cos + y * sin
         return (-y if self.flip_y else y), (-x if self.flip_x else x)
 
-    def places_on_sensor(self, y: Array, x: Array) -> tuple[Array, Array]:
+    def places_on_sensor(self, y: Coordinate, x: Coordinate) -> tuple[Coordinate, Coordinate]:
         """Transform coordinates in the panel's axes to those of the sensor."""
         y, x = (-y if self.flip_y else y), (-x if self.flip_x else x)
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
@@ -178,8 +165,7 @@ class Mount:
     def _aberrations(self, lens: Lens) -> tuple[tuple[int, int, float], ...]:
         """Return the lens' Zernike coefficients in the panel's axes.
 
-        Rotation mixes the cosine and sine terms of the same degree and order. The panel's angle t
-        is the lens' angle c + s t.
+        Rotation mixes cosine and sine terms. The panel's angle t is the lens' angle c + s t.
         """
         c = self.rotation + (math.pi if self.flip_x else 0.0)
         s = -1 if self.flip_x != self.flip_y else 1
@@ -193,26 +179,23 @@ class Mount:
         return tuple((n, m, path) for (n, m), path in turned.items())
 
     def place_in_panel_axes(self, place: Point, camera: Camera, distance: float) -> Point:
-        """Transform the place of a point's image to the panel's axes.
+        """Transform the place of a point's image, metres (y, x) on the sensor, to the panel's axes.
 
-        place: metres (y, x) on the sensor. distance: metres from the point to the panel. The result
-        is the place at which a lens before the panel's middle would image the point.
+        It is the place at which a lens before the panel's middle would image the point, `distance`
+        metres from the panel.
         """
         scale = camera.magnification(distance)
         y, x = (one + scale * away for one, away in zip(place, self.shift, strict=True))
         return self._point((y, x))
 
     def image_shift(self, camera: Camera, distance: float) -> Point:
-        """Return how far the panel's shift moves a point's image, metres (y, x).
+        """Return how far the panel's shift moves the image of a point at a distance, metres (y, x).
 
-        The point is `distance` metres from the panel. Every ray of a point out of focus lands
-        beside the image by its height at the lens times image distance times defocus in dioptres.
-        The result is in the sensor's axes.
+        Every ray of a point out of focus lands beside the image by its height at the lens times
+        image distance times defocus in dioptres.
         """
-        lens = camera.lens
-        vergence = 1 / object_to_lens_distance(camera, distance) - 1 / as_number(
-            lens.focus_distance
-        )
+        lens, away = camera.lens, object_to_lens_distance(camera, distance)
+        vergence = 1 / away - 1 / as_number(lens.focus_distance)
         scale = as_number(lens.image_distance) * as_number(vergence)
         return self.shift[0] * scale, self.shift[1] * scale
 
@@ -221,14 +204,13 @@ class Mount:
         return self._point(self.image_shift(camera, distance))
 
     def plane_in_panel_axes(self, plane: Plane) -> Plane:
-        """Return the plane in the panel's axes on which to compute a PSF.
+        """Return the plane in the panel's axes on which to compute a PSF for a square plane.
 
-        plane: the square plane around the axis on which the PSF is needed in the sensor's axes. The
-        result has the same number of samples on both sides of the origin.
+        It has the same number of samples on both sides of the origin.
         """
-        side = max(plane.shape)
-        if self._rest:
-            turned = abs(math.cos(self._rest)) + abs(math.sin(self._rest))
+        side, (_, rest) = max(plane.shape), self._turns
+        if rest:
+            turned = abs(math.cos(rest)) + abs(math.sin(rest))
             side = math.ceil(side * turned) + 2 * _FADE_SAMPLES
         return replace(plane, shape=(side + 1 - side % 2,) * 2)
 
@@ -239,10 +221,11 @@ class Mount:
         """
         flips = [axis for axis, on in ((-2, self.flip_y), (-1, self.flip_x)) if on]
         psf = psf.flip(flips)
-        for _ in range(self._quarters % 4):
+        quarters, rest = self._turns
+        for _ in range(quarters % 4):
             psf = psf.flip(-2).mT
-        if self._rest:
-            return _resample_rotated(psf, self._rest, plane)
+        if rest:
+            return _resample_rotated(psf, rest, plane)
         return centred_crop(psf, plane.shape)
 
 
@@ -257,14 +240,9 @@ def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Te
     frequencies = Plane((side, side), (1 / (side * pitch),) * 2)
     # There are about as many points as samples; the method for few points was still measured to
     # be nearly three times faster.
-    series = NonuniformTransform(
-        (y * cos - x * sin).ravel(),
-        (x * cos + y * sin).ravel(),
-        frequencies,
-        1.0,
-        1e-6,  # This is the relative error.
-        few_points=True,
-    )
+    tol = 1e-6
+    v, u = (y * cos - x * sin).ravel(), (x * cos + y * sin).ravel()
+    series = NonuniformTransform(v, u, frequencies, 1.0, tol, few_points=True)
     return series.adjoint(spectrum).real.reshape(plane.shape).to(psf)
 
 

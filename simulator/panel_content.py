@@ -51,12 +51,16 @@ class FrameSequence:
     spans: tuple[Span, ...]
 
 
+PanelState = PictureShares | FrameSequence
+"""What the panel shows during an exposure, for a crystal that responds at once, or slowly."""
+
+
 @dataclass(frozen=True, eq=False)
 class PanelContent:
     """What the panel shows: a pattern, or a video as names of its frames in their order.
 
-    frame_time: seconds for which each frame is shown; infinite for a pattern, so that it is the
-    same content however it was shown. pictures: the different frames by name.
+    frame_time: seconds of each frame; infinite for a pattern. pictures: the different frames by
+    name.
     """
 
     names: tuple[str, ...]
@@ -98,8 +102,7 @@ class PanelContent:
     def picture_shares(self, start: float, seconds: float) -> PictureShares:
         """Return the share of an exposure in which each picture is shown, by name.
 
-        start, seconds: of the exposure. An exposure of zero length has the shares of a whole
-        period.
+        An exposure of zero length has the shares of a whole period.
         """
         n = len(self.names)
         if self.covers_whole_periods(seconds):
@@ -143,10 +146,9 @@ def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
 
 
 def spans_of_time(n: int, start: float, length: float) -> list[tuple[int, float, float, float]]:
-    """Return the parts of a video's `n` frames that an interval sees.
+    """Return the parts of a video's `n` frames, of one unit of time each, that an interval sees.
 
-    The frames are shown in turn for one unit of time each. Each part is (frame, begin, end, share
-    of the interval), in the frames' order; the shares add up to one.
+    Each is (frame, begin, end, share of the interval), in the frames' order.
     """
     rounds, rest = divmod(length, n)
     seen = {(k, 0.0, 1.0): rounds for k in range(n)} if rounds else {}

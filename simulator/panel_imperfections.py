@@ -16,9 +16,8 @@ from optics.zernike import zernike
 def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float) -> PhaseResponse:
     """Return a phase response that bends and wiggles over the grey levels.
 
-    The phase is `highest` times (x^gamma + wiggle sin 2πx), where x runs from 0 to 1 over the grey
-    levels. highest: share of the panel's highest phase at the last level. Raises ValueError for a
-    phase that falls from one level to the next.
+    The phase is `highest` times (x^gamma + wiggle sin 2πx), x from 0 to 1 over the grey levels.
+    Raises ValueError for a phase that falls from one level to the next.
     """
     x = np.linspace(0, 1, levels)
     # A response of one wavelength holds at all wavelengths; 550 nm has no further meaning.

@@ -104,13 +104,9 @@ class Recipe:
     def stages(self) -> Stages:
         """Return which of the sensor's stages are included."""
         return Stages(
-            self.dark_current,
-            self.fixed_pattern,
-            self.shot,
-            self.clipping,
-            self.read_noise,
-            self.quantisation,
-        )
+            self.dark_current, self.fixed_pattern, self.shot,
+            self.clipping, self.read_noise, self.quantisation,
+        )  # fmt: skip
 
     def with_changes(self, **changes: object) -> Recipe:
         """Return a recipe with some fields changed."""

@@ -7,7 +7,7 @@ from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from optics.camera import Camera, Panel
+from optics.camera import Camera, Lens, Panel
 from optics.camera.pupil import object_to_lens_distance
 from optics.light.bands import Band
 from optics.polarisation import PathEffect
@@ -26,9 +26,8 @@ from simulator.scene.target import Target
 class SituationCache:
     """Results that were computed for a situation; they are deleted with it.
 
-    picture_probe, pattern_probe: None until they are first needed, or until those of another
-    situation are put here. are_estimates: whether the results are estimates; else they are bounds.
-    results: all other results, under the arguments that they depend on.
+    picture_probe, pattern_probe: None until needed. are_estimates: whether the results are
+    estimates; else they are bounds. results: all others, under the arguments that they depend on.
     """
 
     picture_probe: PictureProbe | None = None
@@ -41,12 +40,10 @@ class SituationCache:
 class Situation:
     """All that a picture, and each decision about its effects, may depend on.
 
-    camera: the real camera with its sensor. mount: rotation, mirroring and shift of the panel.
-    target: what stands before the camera, with its light. band: what the filter transmits.
-    panel_content: what the panel shows. exposure_start, exposure: seconds; with a rolling shutter,
-    those of the first row. path: what polariser, panel and splitter do to the two polarisations, or
-    None where the bench doesn't say. numerics: relative error that numerical methods may make.
-    cache: results that were computed for this situation.
+    camera: the real one. exposure_start, exposure: seconds; with a rolling shutter, those of the
+    first row. path: what polariser, panel and splitter do to the two polarisations, or None where
+    the bench doesn't say. numerics: relative error that numerical methods may make. cache: results
+    that were computed for this situation.
     """
 
     camera: Camera
@@ -110,23 +107,23 @@ class Situation:
 
         They are those of the band's light, and the focus of a lens that is the same for all light.
         """
-        lens, drift = self.camera.lens, self.focus_drift
-        return focus_shifts(lens, self.band, self._distances_to_lens, drift)
+        return focus_shifts(*self._focusing)
 
     @property
     def leaked_foci(self) -> tuple[float, ...]:
         """Return the foci of light that leaks through the filter, metres behind the sensor."""
-        lens, drift = self.camera.lens, self.focus_drift
-        return leaked_focus_shifts(lens, self.band, self._distances_to_lens, drift)
+        return leaked_focus_shifts(*self._focusing)
 
     @property
-    def _distances_to_lens(self) -> Iterator[float]:
-        """Yield the layers' distances to the lens, in metres.
+    def _focusing(self) -> tuple[Lens, Band, Iterator[float], float]:
+        """Return the lens, the band, the layers' distances to the lens and the drift of focus."""
 
-        Only a lens whose focus shifts needs them.
-        """
-        for distance in {layer.distance for layer in self.target.layers}:
-            yield object_to_lens_distance(self.camera, distance)
+        def distances() -> Iterator[float]:
+            # Only a lens whose focus shifts needs them.
+            for distance in {layer.distance for layer in self.target.layers}:
+                yield object_to_lens_distance(self.camera, distance)
+
+        return self.camera.lens, self.band, distances(), self.focus_drift
 
     @property
     def picture_probe(self) -> PictureProbe:
@@ -142,14 +139,11 @@ class Situation:
     def pattern_probe(self) -> PatternProbe:
         """Return the probe of the shown pattern's or video's PSFs."""
         if self.cache.pattern_probe is None:
+            camera = self.mount.camera_in_panel_axes(self.camera)
             self.cache.pattern_probe = PatternProbe(
-                self.mount.camera_in_panel_axes(self.camera),
-                self.panel_content,
-                self.wavelength,
-                self.picture_probe.distances,
-                foci=self.foci,
-                leaked_foci=self.leaked_foci,
-            )
+                camera, self.panel_content, self.wavelength, self.picture_probe.distances,
+                foci=self.foci, leaked_foci=self.leaked_foci,
+            )  # fmt: skip
         return self.cache.pattern_probe
 
     @property

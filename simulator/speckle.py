@@ -31,7 +31,10 @@ def speckle_variance(s: Situation) -> float:
     known, causes = s.cache.results, ("speckle variance",)
     if causes not in known:
         rest = surface.surface_variance(s.camera.panel.unmodulated) * _of_spectrum(s)
-        known[causes] = rest * _grain(s).pixel_variance(s.camera.sensor.pitch, _path(s))
+        # A moving object's speckle takes a path on the sensor.
+        scale = s.camera.magnification(s.target.distance) * s.exposure
+        path = s.target.velocity[0] * scale, s.target.velocity[1] * scale
+        known[causes] = rest * _grain(s).pixel_variance(s.camera.sensor.pitch, path)
     found: float = known[causes]
     return found
 
@@ -40,7 +43,7 @@ def speckle_pattern(s: Situation) -> torch.Tensor:
     """Draw the factor on each pixel's light, (rows, columns) float32, of mean 1.
 
     It stays the same for a scene's target, the sensor, what the panel shows and the wavelength,
-    from frame to frame and at any exposure. A seed from these decides it.
+    which seed it, from frame to frame and at any exposure.
     """
     sensor, grain = s.camera.sensor, _grain(s)
     causes = (
@@ -60,40 +63,31 @@ def moments_with_speckle(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the pixels' mean and variance over all speckle patterns of one variance.
 
-    A gamma distribution of the light is integrated at the two points that have its first three
-    moments, which is exact where nothing clips.
+    A gamma distribution of the light is integrated at two points, exact where nothing clips.
     """
     sensor = s.camera.sensor
     mean = torch.zeros(electrons.shape, dtype=torch.float64)
     square = torch.zeros(electrons.shape, dtype=torch.float64)
-    for share, factor in _two_points(speckle_variance(s)):
+    variance = speckle_variance(s)
+    width, half = float(np.sqrt(variance)), float(np.sqrt(1 + variance))
+    for sign in (-1, 1):
+        # Gauss' rule of two points for a gamma distribution of mean 1.
+        share, factor = (1 - sign * (width / half)) / 2, 1 + width * (width + sign * half)
         one, varied = moments(electrons * factor, s.exposure, sensor, **switches)
         mean += share * one
         square += share * (varied + one**2)
     return mean, (square - mean**2).clamp(min=0)
 
 
-def _two_points(variance: float) -> list[tuple[float, float]]:
-    """Return Gauss' rule of two points (share, factor) for a gamma distribution of mean 1."""
-    width = float(np.sqrt(variance))
-    half = float(np.sqrt(1 + variance))
-    tilt = width / half
-    return [
-        ((1 + tilt) / 2, 1 + width * (width - half)),
-        ((1 - tilt) / 2, 1 + width * (width + half)),
-    ]
-
-
 def _of_spectrum(s: Situation) -> float:
     """Return 1/M of the light's spectrum, as the sensor sees it through the filter."""
     surface = s.target.speckle
     assert surface is not None
-    parts = [part for layer in s.target.layers for part in layer.parts]
     known = s.picture_probe.results
     causes = ("speckle spectrum", surface.roughness, s.band, s.camera.sensor)
     if causes not in known:
         curves = channel_efficiencies(s, Recipe.minimal(s))
-        spectra = [one.spectrum for one in parts]
+        spectra = [part.spectrum for layer in s.target.layers for part in layer.parts]
         x, each = electrons_by_wavelength(spectra, curves, s.band, leak=False)
         weights = each.sum((0, 1)) if x.size else x
         known[causes] = spectral_variance(x, weights, surface.roughness)
@@ -137,9 +131,3 @@ def _in_sensor_axes(s: Situation, light: np.ndarray) -> np.ndarray:
     j, i = (np.round(one).astype(int) + n // 2 for one, n in zip((y, x), light.shape, strict=True))
     inside = (j >= 0) & (j < light.shape[0]) & (i >= 0) & (i < light.shape[1])
     return np.where(inside, light[j.clip(0, light.shape[0] - 1), i.clip(0, light.shape[1] - 1)], 0)
-
-
-def _path(s: Situation) -> tuple[float, float]:
-    """Return the path on the sensor that a moving object's speckle takes, metres."""
-    scale = s.camera.magnification(s.target.distance) * s.exposure
-    return s.target.velocity[0] * scale, s.target.velocity[1] * scale

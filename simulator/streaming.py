@@ -14,49 +14,42 @@ from numpy.typing import NDArray
 from optics.camera import Sensor
 from optics.sensor import Stages
 from optics.sensor.frame_sampling import electrons_from_normal
-from optics.sensor.stages import FEW_ELECTRONS, CollectedCharge, collect_electrons
+from optics.sensor.stages import FEW_ELECTRONS, collect_electrons
 from optics.threads import single_threaded
 from simulator.recipe import Recipe
 
+_BLOCK_PIXELS = 1 << 15
+"""Pixels that are drawn together, with a seed of their own. Chosen so that they stay in a core's
+memory, and torch doesn't divide them among threads."""
 
-@dataclass(frozen=True)
-class FrameSimulationSettings:
-    """Tune how noise is drawn.
+_MIN_READ_NOISE = 0.5
+"""Electrons of read noise from which on the whole numbers of electrons can't be seen: e^(-π²/2) of
+a step is left."""
 
-    block_pixels: pixels that are drawn together, with a seed of their own. Chosen so that they stay
-        in a core's memory, and torch doesn't divide them among threads.
-    min_read_noise: electrons of read noise from which on the whole numbers of electrons can't be
-        seen: e^(-π²/2) of a step is left.
-    clipping_sigmas: standard deviations from the full well at which a pixel surely is, or isn't,
-        full. Chosen.
-    min_merged_electrons: mean electrons from which on a normal distribution with the right third
-        moment stands for shot and read noise together: their distributions differ by 6e-5.
-    min_skewed_electrons: mean electrons from which on a skewed normal distribution replaces
-        Poisson's: they differ by 1e-8, and by 1e-6 together with read noise.
-    max_scattered_share: share of a block's pixels up to which those that must be drawn stage by
-        stage are drawn once more, together with such pixels of other blocks. Above, all of the
-        block are drawn stage by stage, which takes three times as long (measured).
-    """
+_CLIPPING_SIGMAS = 7.0
+"""Standard deviations from the full well at which a pixel surely is, or isn't, full. Chosen."""
 
-    block_pixels: int = 1 << 15
-    min_read_noise: float = 0.5
-    clipping_sigmas: float = 7.0
-    min_merged_electrons: float = 100.0
-    min_skewed_electrons: float = 1e4
-    max_scattered_share: float = 0.5
+_MIN_MERGED_ELECTRONS = 100.0
+"""Mean electrons from which on a normal distribution with the right third moment stands for shot
+and read noise together: their distributions differ by 6e-5."""
 
+_MIN_SKEWED_ELECTRONS = 1e4
+"""Mean electrons from which on a skewed normal distribution replaces Poisson's: they differ by
+1e-8, and by 1e-6 together with read noise."""
 
-_SETTINGS = FrameSimulationSettings()
+_MAX_SCATTERED_SHARE = 0.5
+"""Share of a block's pixels up to which those that must be drawn stage by stage are drawn once more
+with such pixels of other blocks. Above, all of the block are drawn stage by stage, which
+takes three times as long (measured)."""
 
 
 class FrameSimulator:
     """Draw frames of one picture for one exposure and set of sensor stages.
 
-    electrons: mean electrons that light frees on each pixel during the exposure, (rows, columns).
-    recipe: the sensor stages that are simulated. Numbers are always rounded and kept in the
-    converter's range, since frames hold whole numbers. threads: that draw at the same time where
-    several blocks of pixels are drawn; frames don't depend on their number. Raises ValueError for
-    electrons that aren't finite, an exposure that isn't positive, or no thread.
+    electrons: mean electrons that light frees on each pixel, (rows, columns). Numbers are always
+    rounded and kept in the converter's range. threads: that draw at the same time; frames don't
+    depend on their number. Raises ValueError for electrons that aren't finite, an exposure that
+    isn't positive, or no thread.
     """
 
     @single_threaded
@@ -72,7 +65,8 @@ class FrameSimulator:
             raise ValueError(f"threads is {threads}; one at least has to draw")
         held = collect_electrons(electrons, exposure, sensor, recipe.stages)
         self._shape = tuple(electrons.shape)
-        mean, offset = held.electrons.flatten(), _offsets(held)
+        mean = held.electrons.flatten()
+        offset = None if isinstance(held.offset, float) else held.offset.flatten()
 
         def some(part: slice | torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
             return mean[part], None if offset is None else offset[part]
@@ -104,13 +98,6 @@ class FrameSimulator:
         The frame depends on the generator's state alone, and advances it.
         """
         image = np.empty(math.prod(self._shape), dtype=np.uint16)
-        for blocks in filter(None, (self._blocks, self._scattered)):
-            seeds = torch.randint(2**62, (len(blocks),), generator=generator).tolist()
-            self._draw(image, list(zip(blocks, seeds, strict=True)))
-        return image.reshape(self._shape)
-
-    def _draw(self, image: NDArray[np.uint16], blocks: list[tuple[_Block, int]]) -> None:
-        """Draw blocks of pixels, each with its seed."""
 
         def draw(some: list[tuple[_Block, int]]) -> None:
             for block, seed in some:
@@ -118,22 +105,22 @@ class FrameSimulator:
                 numbers = block.way.draw(own).round_().clamp_(0, self._top)
                 image[block.where] = numbers.numpy().astype(np.uint16)
 
-        # Handing a block to a thread takes longer than drawing a small one.
-        if self._pool is None or len(blocks) < 2:
-            draw(blocks)
-        else:
-            list(self._pool.map(draw, (blocks[n :: self._threads] for n in range(self._threads))))
+        for blocks in filter(None, (self._blocks, self._scattered)):
+            seeds = torch.randint(2**62, (len(blocks),), generator=generator).tolist()
+            seeded = list(zip(blocks, seeds, strict=True))
+            # Handing a block to a thread takes longer than drawing a small one.
+            if self._pool is None or len(seeded) < 2:
+                draw(seeded)
+            else:
+                count = self._threads
+                list(self._pool.map(draw, (seeded[n::count] for n in range(count))))
+        return image.reshape(self._shape)
 
 
 def _parts(count: int) -> list[slice]:
     """Return the slices of pixels whose noise is drawn together."""
-    step = _SETTINGS.block_pixels
+    step = _BLOCK_PIXELS
     return [slice(start, start + step) for start in range(0, count, step)]
-
-
-def _offsets(held: CollectedCharge) -> torch.Tensor | None:
-    """Return the pixels' own offsets, in electrons, or None without any."""
-    return None if isinstance(held.offset, float) else held.offset.flatten()
 
 
 class _Still:
@@ -142,10 +129,6 @@ class _Still:
     def __init__(self, number: torch.Tensor) -> None:
         self._number = number.to(torch.float32)
 
-    @property
-    def bytes(self) -> int:
-        return self._number.nbytes
-
     def draw(self, generator: torch.Generator) -> torch.Tensor:
         return self._number.clone()
 
@@ -153,27 +136,19 @@ class _Still:
 class _Normal:
     """Draw pixels whose noises are merged into one noise, normal or skewed.
 
-    A skewed noise adds a multiple of the normal number's square, which gives the third moment.
-    number, spread: mean and standard deviation of each digital number. bend: factor of the
-    square.
+    number, spread: mean and standard deviation of each digital number. bend: factor of the normal
+    number's square, which is added for the third moment.
     """
 
     def __init__(
         self, number: torch.Tensor, spread: torch.Tensor, bend: torch.Tensor | None
     ) -> None:
-        self._number, self._spread = number.to(torch.float32), spread.to(torch.float32)
-        self._bend = None
+        self._bend = None if bend is None else bend.to(torch.float32)
         if bend is not None:
-            self._bend = bend.to(torch.float32)
             # The square of a standard normal number has a mean of 1 and a variance of 2.
-            self._number = (number - bend).to(torch.float32)
-            width = (spread.square() - 2 * bend.square()).clamp(min=0).sqrt()
-            self._spread = width.to(torch.float32)
-
-    @property
-    def bytes(self) -> int:
-        kept = (self._number, self._spread, self._bend)
-        return sum(one.nbytes for one in kept if one is not None)
+            number = number - bend
+            spread = (spread.square() - 2 * bend.square()).clamp(min=0).sqrt()
+        self._number, self._spread = number.to(torch.float32), spread.to(torch.float32)
 
     def draw(self, generator: torch.Generator) -> torch.Tensor:
         noise = torch.empty_like(self._number).normal_(generator=generator)
@@ -197,29 +172,21 @@ class _Stepwise:
         self._read = sensor.read_noise if stages.read_noise else 0.0
         self._gain, self._black = sensor.gain, sensor.black_level
 
-    @property
-    def bytes(self) -> int:
-        kept = (self._mean, self._few, self._offset)
-        return sum(one.nbytes for one in kept if one is not None)
-
     def draw(self, generator: torch.Generator) -> torch.Tensor:
-        held = self._electrons(generator).clamp_(max=self._well)
+        if len(self._few) == len(self._mean):
+            held = torch.poisson(self._mean, generator=generator)
+        else:
+            noise = torch.empty_like(self._mean).normal_(generator=generator)
+            held = electrons_from_normal(self._mean, noise, self._shot)
+            if len(self._few):
+                held[self._few] = torch.poisson(self._mean[self._few], generator=generator)
+        held.clamp_(max=self._well)
         if self._offset is not None:
             held += self._offset
         if self._read:
             noise = torch.empty_like(held).normal_(generator=generator)
             held.add_(noise, alpha=self._read)
         return held.div_(self._gain).add_(self._black)
-
-    def _electrons(self, generator: torch.Generator) -> torch.Tensor:
-        """Draw the electrons of each pixel, with shot noise."""
-        if len(self._few) == len(self._mean):
-            return torch.poisson(self._mean, generator=generator)
-        noise = torch.empty_like(self._mean).normal_(generator=generator)
-        held = electrons_from_normal(self._mean, noise, self._shot)
-        if len(self._few):
-            held[self._few] = torch.poisson(self._mean[self._few], generator=generator)
-        return held
 
 
 _Way = _Still | _Normal | _Stepwise
@@ -237,13 +204,13 @@ class _Block:
 
     @property
     def bytes(self) -> int:
-        listed = 0 if isinstance(self.where, slice) else self.where.nbytes
-        return self.way.bytes + listed
+        kept = [self.where, *vars(self.way).values()]
+        return sum(one.nbytes for one in kept if isinstance(one, torch.Tensor | np.ndarray))
 
 
 def _poisson_limit(stages: Stages) -> float:
     """Return the mean electron number from which on Poisson noise isn't drawn as such."""
-    return _SETTINGS.min_skewed_electrons if stages.shot == "Poisson" else FEW_ELECTRONS
+    return _MIN_SKEWED_ELECTRONS if stages.shot == "Poisson" else FEW_ELECTRONS
 
 
 def _shot(stages: Stages) -> Literal["Gaussian", "skewed"]:
@@ -265,13 +232,13 @@ def _choose_way(
         # a float32 and the Poisson generator can represent.
         mean = mean.clamp(max=4 * sensor.full_well + 1000)
     held = mean.clamp(max=sensor.full_well) if stages.clipping else mean
-    reach = _SETTINGS.clipping_sigmas * (mean + 1).sqrt()
+    reach = _CLIPPING_SIGMAS * (mean + 1).sqrt()
     full = mean - reach > sensor.full_well if stages.clipping else mean < 0
     apart = torch.zeros_like(full)
     if chancy:
         apart = (mean > 0) & ~full & ~_can_merge_noises(mean, reach, read, sensor, stages)
     places = apart.nonzero().flatten()
-    if len(places) > _SETTINGS.max_scattered_share * len(mean):
+    if len(places) > _MAX_SCATTERED_SHARE * len(mean):
         return _Stepwise(mean, offset, sensor, stages), places[:0]
     shot = torch.where(full, 0.0, mean) if chancy else torch.zeros_like(mean)
     number = (held if offset is None else held + offset) / sensor.gain + sensor.black_level
@@ -288,10 +255,9 @@ def _can_merge_noises(
 ) -> torch.Tensor:
     """Return for which pixels shot and read noise may be drawn as one noise.
 
-    These pixels have many electrons, enough read noise to hide their whole numbers, and surely no
-    full well.
+    They have many electrons, read noise that hides whole numbers, and surely no full well.
     """
-    many = mean >= max(_poisson_limit(stages), _SETTINGS.min_merged_electrons)
-    smooth = read >= _SETTINGS.min_read_noise
+    many = mean >= max(_poisson_limit(stages), _MIN_MERGED_ELECTRONS)
+    smooth = read >= _MIN_READ_NOISE
     clear = (mean + reach < sensor.full_well) if stages.clipping else torch.ones_like(many)
     return many & clear & smooth

@@ -43,15 +43,13 @@ def countable_exposure(exposure: float) -> float:
 class World:
     """The state of a virtual bench: what the panel shows, the filter passes and the target sends.
 
-    camera: the real camera, which may differ from its description. scene: the scene's targets. tol:
-    relative error of mean picture and noise up to which effects may be left out. forced: effects to
-    be on, off or at a level, whatever error that makes. mount: rotation, mirroring and shift of the
-    panel. path: what polariser, panel and splitter do to the light, where that is known. clock: the
-    bench's clock. faults: faults of its devices. memory: bytes that are kept for later pictures;
-    default_memory() if None. decide_by: whether bounds decide which effects are left out, or
-    estimates. The devices set the panel's content, `band`, `target` and `gain_db`. Pictures are
-    computed from these, and only when something has changed. effective_index: that the filter's
-    thin films really have, where it isn't what the filter is described with.
+    camera: the real one, which may differ from its description. tol: relative error of mean picture
+    and noise up to which effects may be left out. forced: effects to be on, off or at a level,
+    whatever error that makes. path: what polariser, panel and splitter do to the light, where
+    known. memory: bytes kept for later pictures; default_memory() if None. decide_by: bounds or
+    estimates decide which effects are left out. effective_index: of the filter's thin films, where
+    it isn't what the filter is described with. The devices set the panel's content, `band`,
+    `target` and `gain_db`. Pictures are computed from these, and only when something has changed.
     """
 
     def __init__(
@@ -89,8 +87,8 @@ class World:
     def force(self, forced: Mapping[str, str | bool]) -> None:
         """Force effects on (True), off (False) or to a named level, whatever error that causes.
 
-        Raises ValueError at once, not with the first picture, for an effect that doesn't exist, for
-        a level that it doesn't have, or for an effect that is on and requires one that is off.
+        Raises ValueError at once for an effect or level that doesn't exist, or for an effect that
+        is on and requires one that is off.
         """
         self.imaging.force(forced, self.situation())
 
@@ -154,17 +152,12 @@ class World:
         Raises ValueError for an exposure in seconds that isn't positive and finite.
         """
         require_positive("exposure", exposure, "s")
+        numerics = max((1 - EFFECTS_SHARE) * self.imaging.tol, 1e-5)
         return Situation(
-            self._amplified_camera(self.gain_db),
-            self.mount,
-            self.scene.targets[self.target],
-            self._true_band(self.band),
-            self._panel_content,
-            self._exposure_start,
-            exposure,
-            self.path,
-            numerics=max((1 - EFFECTS_SHARE) * self.imaging.tol, 1e-5),
-        )
+            self._amplified_camera(self.gain_db), self.mount, self.scene.targets[self.target],
+            self._true_band(self.band), self._panel_content, self._exposure_start, exposure,
+            self.path, numerics,
+        )  # fmt: skip
 
     def effect_plan(
         self,
@@ -175,20 +168,18 @@ class World:
         bandwidth: float | None = None,
         gain_db: float | None = None,
     ) -> EffectPlan:
-        """Return the effect plan for a pattern or video on the panel.
+        """Return the effect plan for a pattern or video on the panel; nothing is rendered.
 
         A video is (n, rows, columns) and is shown at the panel's frame rate. exposure: as a camera
-        is asked for it. target, bandwidth, gain_db: the present ones if None. Nothing is rendered.
+        is asked for it. target, bandwidth, gain_db: the present ones if None.
         """
         frames = pattern if pattern.ndim == 3 else pattern[None]
-        video = PanelContent.of(frames, 1 / self.camera.panel.frame_rate)
+        band = replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth)
         asked = replace(
             self.situation(countable_exposure(exposure)),
             camera=self._amplified_camera(self.gain_db if gain_db is None else gain_db),
-            panel_content=video,
-            band=self._true_band(
-                replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth)
-            ),
+            panel_content=PanelContent.of(frames, 1 / self.camera.panel.frame_rate),
+            band=self._true_band(band),
             target=self.scene.targets[target or self.target],
         )
         return self.imaging.plan(asked)
@@ -220,9 +211,8 @@ class World:
     ) -> tuple[torch.Tensor, EffectPlan]:
         """Return the photo-electrons per second on each pixel, and the effect plan.
 
-        The rates are (rows, columns) float32, means over an exposure in seconds; the exposure
-        matters when anything changes with time. check: is called between the steps of a long
-        computation, and may raise.
+        The rates are (rows, columns) float32, means over an exposure in seconds. check: is called
+        between the steps of a long computation, and may raise.
         """
         # The situation is a snapshot: devices may change the state during the computation.
         s, plan = self._situation_and_plan(exposure, check)

@@ -7,9 +7,7 @@ The light meets them in the order `targets`, `filters`, `slm` and `simulated_cam
 from simulator.devices.filters import SimulatedFilter, SimulatedWheel
 from simulator.devices.simulated_camera import SimulatedCamera
 from simulator.devices.slm import SimulatedSLM
-from simulator.devices.spectroradiometer import (
-    SimulatedSpectroradiometer,
-)
+from simulator.devices.spectroradiometer import SimulatedSpectroradiometer
 from simulator.devices.targets import SimulatedTargets
 
 __all__ = [

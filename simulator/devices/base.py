@@ -27,12 +27,8 @@ class SimulatedDevice:
 
     def __init__(self, surroundings: Surroundings) -> None:
         if not isinstance(surroundings.world, World):
-            raise DeviceError(
-                self.model,
-                "open",
-                "this bench has no virtual world",
-                "Name a scene in the bench file",
-            )
+            reply, remedy = "this bench has no virtual world", "Name a scene in the bench file"
+            raise self._refuse("open", reply, remedy)
         self._world = surroundings.world
         self._clock = surroundings.clock
         self._faults = FaultInjector(self._world.faults, self.role, self.model, self._clock)

@@ -23,25 +23,17 @@ VISIBLE: Range = (400.0, 720.0)
 all light beyond."""
 
 
-def _band(
-    centre: float,
-    fwhm: float,
-    shape: Shape,
-    leak: float,
-    leak_range_nm: Range,
-    effective_index: float,
-) -> Band:
-    """Return the band of a filter, with centre and width in metres.
+def _require_band(shape: Shape, leak_range_nm: Range) -> Range:
+    """Return the range of a filter's leak in metres.
 
-    Raises ValueError, which names the filter's option, for an impossible shape, range or index.
+    Raises ValueError, which names the filter's option, for an impossible shape or range.
     """
     if shape not in get_args(Shape):
         raise ValueError(f"shape is {shape!r}; choose {', '.join(get_args(Shape))}")
     low, high = leak_range_nm
     if not 0 < low < high:
         raise ValueError(f"leak_range_nm is {leak_range_nm}; give the shorter wavelength first")
-    ends = low * 1e-9, high * 1e-9
-    return Band(centre, fwhm, shape, leak, ends, effective_index=effective_index)
+    return low * 1e-9, high * 1e-9
 
 
 class SimulatedFilter(SimulatedDevice):
@@ -64,8 +56,7 @@ class SimulatedFilter(SimulatedDevice):
     leak_range_nm : tuple of float, default (400.0, 720.0)
         Shortest and longest wavelength of the leak in nanometres.
     effective_index : float, default math.inf
-        Of thin films, whose band lies at shorter wavelengths for light that passes aslant, 1 or
-        more; see `optics.light.bands.Band`. By default, the band doesn't shift.
+        Of thin films, 1 or more; see `optics.light.bands.Band`. By default, the band doesn't shift.
 
     Raises
     ------
@@ -97,8 +88,9 @@ class SimulatedFilter(SimulatedDevice):
         low, high = self.wavelength_range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
         self.settling = settling_ms * 1e-3
         # A band that is valid at the shortest wavelength is valid at all others.
+        leaks = _require_band(shape, leak_range_nm)
         width = bandwidth_nm * 1e-9
-        band = _band(low, width, shape, leak, leak_range_nm, effective_index)
+        band = Band(low, width, shape, leak, leaks, effective_index=effective_index)
         self._world.band = replace(band, centre=min(max(self._world.wavelength, low), high))
 
     @property
@@ -117,13 +109,11 @@ class SimulatedFilter(SimulatedDevice):
         Raises DeviceError if the wavelength is out of range.
         """
         low, high = self.wavelength_range
-        self._faults.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
+        command = f"tune to {wavelength * 1e9:.1f} nm"
+        self._faults.begin(command, self.reply_time)
         if not low <= wavelength <= high:
-            raise self._refuse(
-                f"tune to {wavelength * 1e9:.1f} nm",
-                f"out of range, {low * 1e9:.0f} to {high * 1e9:.0f} nm",
-                "Choose a wavelength in the range",
-            )
+            reply = f"out of range, {low * 1e9:.0f} to {high * 1e9:.0f} nm"
+            raise self._refuse(command, reply, "Choose a wavelength in the range")
         # A VariSpec resolves 0.01 nm. The value is rounded to a multiple of that, which files keep
         # exactly.
         actual = round(wavelength * 1e11) / 1e11
@@ -145,17 +135,9 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
     slots_nm : Sequence of tuple of float, optional
         Centre and full width at half maximum of each slot's filter, in nanometres.
     step_ms : float, default 200.0
-        Time in milliseconds in which the wheel turns from a slot to the next; it turns the shorter
-        way.
-    shape : {"gaussian", "lyot", "interference"}, default "gaussian"
-        Shape of the band's transmission; see `optics.light.bands.Band`.
-    leak : float, default 0.0
-        Share of the light that passes at all wavelengths of `leak_range_nm`, beside the band.
-    leak_range_nm : tuple of float, default (400.0, 720.0)
-        Shortest and longest wavelength of the leak in nanometres.
-    effective_index : float, default math.inf
-        Of thin films, whose band lies at shorter wavelengths for light that passes aslant, 1 or
-        more; see `optics.light.bands.Band`. By default, the band doesn't shift.
+        Milliseconds from a slot to the next; the wheel turns the shorter way.
+    shape, leak, leak_range_nm, effective_index : optional
+        See `SimulatedFilter`.
 
     Raises
     ------
@@ -181,8 +163,9 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
         super().__init__(surroundings)
         require_duration("step_ms", step_ms)
         self._slots = parse_slots(slots_nm)
+        leaks, index = _require_band(shape, leak_range_nm), effective_index
         self._bands = [
-            _band(slot.wavelength, slot.bandwidth, shape, leak, leak_range_nm, effective_index)
+            Band(slot.wavelength, slot.bandwidth, shape, leak, leaks, effective_index=index)
             for slot in self._slots
         ]
         self._step = step_ms * 1e-3

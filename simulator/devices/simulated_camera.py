@@ -53,14 +53,11 @@ class SimulatedCamera(SimulatedDevice):
         require_duration("readout_ms", readout_ms)
         if reply_s is not None:
             require_positive("reply_s", reply_s, "s")
-        self._region: Region | None = None
-        self._binning = 1
         self._sensor = self._world.camera.sensor
+        self._region: Region | None = None
+        self._binning, self._exposure, self._number = 1, 0.01, 0
         self.reply_time = reply_s or 15.0 + 5e-6 * math.prod(self.shape)
-        self.alive_at = 0.0
-        self.frame_time = readout_ms * 1e-3
-        self._exposure = 0.01
-        self._number = 0
+        self.alive_at, self.frame_time = 0.0, readout_ms * 1e-3
         self._queue: list[Frame] = []
         self._last: Frame | None = None
 
@@ -90,13 +87,11 @@ class SimulatedCamera(SimulatedDevice):
         Raises DeviceError if the time is out of range.
         """
         low, high = self.exposure_range
-        self._faults.begin(f"expose {exposure * 1e3:g} ms", self.reply_time)
+        command = f"expose {exposure * 1e3:g} ms"
+        self._faults.begin(command, self.reply_time)
         if not low <= exposure <= high:
-            raise self._refuse(
-                f"expose {exposure * 1e3:g} ms",
-                f"out of range, {low * 1e3:g} to {high * 1e3:g} ms",
-                "Choose an exposure in the range",
-            )
+            reply = f"out of range, {low * 1e3:g} to {high * 1e3:g} ms"
+            raise self._refuse(command, reply, "Choose an exposure in the range")
         self._exposure = countable_exposure(exposure)
         return Setting(exposure, self._exposure, self._clock.now())
 
@@ -107,10 +102,11 @@ class SimulatedCamera(SimulatedDevice):
         """
         asked = 0.0 if gain_db is None else gain_db
         low, high = self.gain_range
-        self._faults.begin(f"gain {asked:g} dB", self.reply_time)
+        command = f"gain {asked:g} dB"
+        self._faults.begin(command, self.reply_time)
         if not low <= asked <= high:
             reply = f"out of range, {low:g} to {high:g} dB"
-            raise self._refuse(f"gain {asked:g} dB", reply, "Choose a gain in the range")
+            raise self._refuse(command, reply, "Choose a gain in the range")
         self._read(asked, self._region, self._binning)
         return Setting(asked, asked, self._clock.now())
 
@@ -151,19 +147,28 @@ class SimulatedCamera(SimulatedDevice):
             if self._last is not None:
                 return self._last
             # There is no earlier frame yet: the fault occurs at the next frame instead.
-            self._faults.put_off(fault)
-        frame = self._expose(cancelled, self._wrong_exposure() if kind == "wrong exposure" else 0)
+            self._world.faults.put_off(fault)
+        seconds = self._exposure
+        if kind == "wrong exposure":
+            low, high = self.exposure_range
+            seconds = seconds * 2 if seconds * 2 <= high else max(low, seconds / 2)
+        frame = self._expose(cancelled, seconds)
         if kind == "dropped frame":
             raise self._refuse("capture", f"frame {frame.number} was lost", "Check the network")
-        self._queue.append(_corrupt_frame(frame) if kind == "corrupt frame" else frame)
+        if kind == "corrupt frame":
+            # The lower half is invalid, as after a lost packet.
+            image = frame.image.copy()
+            lower = image[len(image) // 2 :]
+            lower[:] = 0 if lower.any() else 1
+            frame = replace(frame, image=image)
+        self._queue.append(frame)
         if kind == "late frame":
             raise self._refuse("capture", f"frame {frame.number} is late", "Check the network")
         self._last = self._queue.pop(0)
         return self._last
 
-    def _expose(self, cancelled: Callable[[], bool], other: float) -> Frame:
-        """Expose a frame for the set time, or for `other` seconds if not 0."""
-        began, seconds = self._clock.now(), other or self._exposure
+    def _expose(self, cancelled: Callable[[], bool], seconds: float) -> Frame:
+        began = self._clock.now()
 
         def check() -> None:
             self.alive_at = time.monotonic()
@@ -196,16 +201,3 @@ class SimulatedCamera(SimulatedDevice):
             blocks = image[: rows * n, : columns * n].reshape(rows, n, columns, n)
             image = np.rint(blocks.mean(axis=(1, 3))).astype(np.uint16)
         return np.ascontiguousarray(image)
-
-    def _wrong_exposure(self) -> float:
-        """Return the exposure time in seconds of a wrongly exposed frame."""
-        low, high = self.exposure_range
-        return self._exposure * 2 if self._exposure * 2 <= high else max(low, self._exposure / 2)
-
-
-def _corrupt_frame(frame: Frame) -> Frame:
-    """Return a frame with an invalid lower half, as after a lost packet."""
-    image = frame.image.copy()
-    lower = image[len(image) // 2 :]
-    lower[:] = 0 if lower.any() else 1
-    return replace(frame, image=image)

@@ -66,11 +66,5 @@ class SimulatedSpectroradiometer(SimulatedDevice):
         self._faults.require_alive("measure")
         if cancelled():
             raise self._refuse("measure", "it was cancelled", "Measure again")
-        return Spectrum(
-            self.wavelengths,
-            self._optics.measured_spectrum() * 1e9,
-            integration,
-            bool(nd),
-            _ANGLE,
-            began,
-        )
+        radiance = self._optics.measured_spectrum() * 1e9
+        return Spectrum(self.wavelengths, radiance, integration, bool(nd), _ANGLE, began)

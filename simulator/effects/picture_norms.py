@@ -29,7 +29,7 @@ from simulator.effects.spectra import angle_shares, spectral_measure
 from simulator.effects.vignetting_bounds import vignetting_samples
 from simulator.formation.distorting import lateral_scales, moved_frame
 from simulator.formation.dust_shadows import dust_shadows
-from simulator.formation.vibration import image_vibration
+from simulator.formation.mean_picture import image_vibration
 from simulator.planning.effect import MinimumNorms
 from simulator.probing.picture_probe import MARGIN
 from simulator.probing.sampled_frequencies import RadialProfile

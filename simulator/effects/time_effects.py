@@ -27,7 +27,7 @@ from simulator.effects.rendering_work import (
     picture_samples_at,
     picture_transform_operations,
 )
-from simulator.formation.vibration import image_vibration
+from simulator.formation.mean_picture import image_vibration
 from simulator.planning import Bound, OnOffEffect
 from simulator.probing.sampled_frequencies import Gain
 from simulator.situation import Situation

@@ -15,7 +15,7 @@ from simulator.effects.psf_bounds import is_uniform_scene
 from simulator.effects.rendering_work import LEVELS
 from simulator.effects.result_cache import cached_across_patterns, cached_per_situation
 from simulator.effects.spectra import angle_shares
-from simulator.formation.vignetting import vignetting
+from simulator.formation.objects import vignetting
 from simulator.formation.windows import light_extent
 from simulator.situation import Situation
 

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
+import scipy.fft
 import torch
 from numpy.typing import NDArray
 
-from optics.caching import ByteCache
 from optics.plane import Plane
-from simulator.convolution import convolve_valid
 from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
 from simulator.formation.nodes import angle_share, rendered_angles
-from simulator.formation.objects import ObjectSpectra
-from simulator.formation.vignetting import vignetting
+from simulator.formation.objects import ObjectSpectra, vignetting
 from simulator.formation.windows import max_blur_distance
 from simulator.probing.far_field import FarField, LensProbe, cut_kernel, side_order_kernel
-from simulator.recipe import Recipe
 from simulator.scene.target import Layer
 from simulator.situation import Situation
 
@@ -46,8 +43,8 @@ def can_be_coarse(s: Situation) -> bool:
     """Whether side orders can be computed on cells: all light takes the same way through the stop.
 
     Moving or hidden light, a turned panel, a lens that distorts, scales colours or has ghosts,
-    light that interferes, and jitter, which scatters light evenly, need PSFs. So does a small
-    panel, whose diffraction spots are as large as a cell.
+    interference, and jitter, which scatters light evenly, need PSFs. So does a small panel, whose
+    diffraction spots are as large as a cell.
     """
     return (
         not s.camera.separation
@@ -67,21 +64,14 @@ def can_be_coarse(s: Situation) -> bool:
 class CoarseOrders:
     """Compute the light of all side orders together, from the panel's far field.
 
-    Copies of a picture far aside are dim, so that their detail doesn't count. The far field of the
-    panel's field, one period of it, lands in each order, weighted by the envelope of one pixel.
+    Copies of a picture far aside are dim, so that their detail doesn't count. One period of the far
+    field lands in each order, weighted by the envelope of one pixel.
     """
 
-    def __init__(
-        self,
-        s: Situation,
-        recipe: Recipe,
-        kernels: Kernels,
-        spreading: LayerPSFs,
-        objects: ObjectSpectra,
-        cache: ByteCache,
-    ) -> None:
-        self._s, self._recipe, self._cache = s, recipe, cache
+    def __init__(self, kernels: Kernels, spreading: LayerPSFs, objects: ObjectSpectra) -> None:
         self._kernels, self._spreading, self._objects = kernels, spreading, objects
+        self._s, self._recipe, self._cache = kernels.s, kernels.recipe, kernels.cache
+        s, recipe = kernels.s, kernels.recipe
         self._pixels = order_cell_pixels(s)
         self._cell = self._pixels * s.camera.sensor.pitch
         # The outermost pixels lie between cells, too.
@@ -97,24 +87,27 @@ class CoarseOrders:
         spreading = self._spreading
         total = np.zeros((spreading.channels, *self._frame))
         for number, layer in enumerate(spreading.layers):
-            weights = spreading.weights(number)
+            weights = spreading.weights[number]
             for node in range(len(spreading.nodes)):
                 kernel = self._kernel(number, node, cell)
-                for part, angle in enumerate(spreading.angles(number)):
+                for part, angle in enumerate(spreading.angles[number]):
                     drawn = self._draw_on_cells(layer, part, kernel.shape, angle)
                     if drawn is None:
                         continue  # It stays uniform, and all of it is in the zeroth order's path.
                     ghosts = convolve_valid(drawn, kernel)
                     total += weights[:, part, node, None, None] * ghosts
-        return self._on_pixels(total)
+        down, along = (
+            _interpolation_matrix(n, cells, self._pixels)
+            for n, cells in zip(self._s.camera.sensor.shape, self._frame, strict=True)
+        )
+        return down @ torch.from_numpy(total).to(torch.float32) @ along.T
 
     def _draw_on_cells(
         self, layer: Layer, part: int, kernel: tuple[int, ...], angle: int
     ) -> Array | None:
         """Draw a layer's part on the cells from which light reaches the frame.
 
-        angle: number of the angle at the filter by whose share it is weighted, 0 for none. None
-        stands for light that is uniform on the sensor.
+        angle: as in light_spectra(). None stands for light that is uniform on the sensor.
         """
         even = self._objects.is_uniform(layer.parts[part].picture) and not angle
         if even and not self._recipe.vignetting:
@@ -141,38 +134,30 @@ class CoarseOrders:
     def _kernel(self, layer: int, node: int, cell: ExposureCell) -> Array:
         """Return how a layer's light of one wavelength spreads over the side orders, by cells."""
         wavelength, distances = self._spreading.nodes[node].metres, self._spreading.distances(layer)
-        return self._keep(
-            (cell.panel_state, wavelength, distances),
-            lambda: self._compute_kernel(cell, wavelength, distances),
-        )
+
+        def compute() -> Array:
+            modulator, parts = self._kernels.fields(cell.panel_state, wavelength)
+            lit, total = list(parts), np.zeros((1, 1))
+            time = sum(share for share, _ in lit)
+            turned = 1 - modulator.unmodulated_share
+            for distance, weight in distances:
+                pattern = sum(share * self._orders(one, wavelength, distance) for share, one in lit)
+                total = total + weight * turned * pattern
+                for number, (share, field) in enumerate(modulator.unmodulated_fields):
+                    straight = self._keep(
+                        ("straight", number, wavelength, distance),
+                        functools.partial(self._orders, field, wavelength, distance),
+                    )
+                    total = total + weight * time * share * straight
+            return total
+
+        return self._keep((cell.panel_state, wavelength, distances), compute)
 
     def _keep(self, light: tuple[object, ...], compute: Callable[[], Array]) -> Array:
-        """Return the kernel of some light from the cache, or compute it.
-
-        light: the light whose kernel it is.
-        """
+        """Return the kernel of some light from the cache, or compute it."""
         causes = ("coarse orders", light, self._kernels.key, self._cell,
                   self._s.camera.sensor.shape, self._s.picture_probe.extent)  # fmt: skip
         return self._cache.get(causes, compute)
-
-    def _compute_kernel(
-        self, cell: ExposureCell, wavelength: float, distances: Iterable[tuple[float, float]]
-    ) -> Array:
-        """Compute how light of some distances, with their weights, goes to the side orders."""
-        modulator, parts = self._kernels.fields(cell.panel_state, wavelength)
-        lit, total = list(parts), np.zeros((1, 1))
-        time = sum(share for share, _ in lit)
-        turned = 1 - modulator.unmodulated_share
-        for distance, weight in distances:
-            pattern = sum(share * self._orders(one, wavelength, distance) for share, one in lit)
-            total = total + weight * turned * pattern
-            for number, (share, field) in enumerate(modulator.unmodulated_fields):
-                straight = self._keep(
-                    ("straight", number, wavelength, distance),
-                    functools.partial(self._orders, field, wavelength, distance),
-                )
-                total = total + weight * time * share * straight
-        return total
 
     def _orders(self, field: torch.Tensor | None, wavelength: float, distance: float) -> Array:
         """Return a field's light in its side orders, by cells; None stands for an even field."""
@@ -181,25 +166,14 @@ class CoarseOrders:
         lens = LensProbe(camera, wavelength, distance, self._cache).field(distance)
         side = math.sqrt(camera.panel.fill_factor)
         far = FarField((lens * lit).to(torch.complex64), side, _SAMPLES_PER_SPOT)
-        return _relative_power(lens, lit) * self._within_reach(far, wavelength)
-
-    def _within_reach(self, far: FarField, wavelength: float) -> Array:
-        """Return a far field's orders by cells, as far as light reaches the frame."""
-        period = self._kernels.period(wavelength)
-        kernel = side_order_kernel(far, period, self._cell, 1, 2)
+        kernel = side_order_kernel(far, self._kernels.period(wavelength), self._cell, 1, 2)
+        # As far as light reaches the frame.
         y, x = (
             math.ceil(min(reach / self._cell, len(kernel))) + 2
             for reach in max_blur_distance(self._s)
         )
-        return cut_kernel(kernel, (y, x))
-
-    def _on_pixels(self, cells: Array) -> torch.Tensor:
-        """Interpolate light linearly from cells to the sensor's pixels."""
-        down, along = (
-            _interpolation_matrix(n, cells_along, self._pixels)
-            for n, cells_along in zip(self._s.camera.sensor.shape, self._frame, strict=True)
-        )
-        return down @ torch.from_numpy(cells).to(torch.float32) @ along.T
+        power = (lit.abs() ** 2 * lens.abs() ** 2).sum() / (lens.abs() ** 2).sum()
+        return float(power) * cut_kernel(kernel, (y, x))
 
 
 def _interpolation_matrix(count: int, cells: int, pixels: int) -> torch.Tensor:
@@ -211,7 +185,20 @@ def _interpolation_matrix(count: int, cells: int, pixels: int) -> torch.Tensor:
     return (1 - (place[:, None] - torch.arange(cells)).abs()).clamp(min=0)
 
 
-def _relative_power(lens: torch.Tensor, field: torch.Tensor) -> float:
-    """Return the power of the panel's field behind the lens, relative to one of amplitude 1."""
-    power = (field.abs() ** 2 * lens.abs() ** 2).sum() / (lens.abs() ** 2).sum()
-    return float(power)
+def convolve_valid(
+    picture: NDArray[np.floating], kernel: NDArray[np.floating]
+) -> NDArray[np.floating]:
+    """Convolve a picture with a kernel by Fourier transforms, without the picture's borders.
+
+    The same as `scipy.signal.fftconvolve` with mode "valid", whose package takes half a second to
+    load, for which the first picture needn't wait. Raises ValueError for a kernel larger than the
+    picture.
+    """
+    if any(small > large for small, large in zip(kernel.shape, picture.shape, strict=True)):
+        raise ValueError(f"kernel has shape {kernel.shape}: larger than picture, {picture.shape}")
+    # What wraps around stays in the borders that are left out.
+    size = [scipy.fft.next_fast_len(n, real=True) for n in picture.shape]
+    product = scipy.fft.rfft2(picture, size) * scipy.fft.rfft2(kernel, size)
+    rows, columns = (slice(k - 1, n) for k, n in zip(kernel.shape, picture.shape, strict=True))
+    whole: NDArray[np.floating] = scipy.fft.irfft2(product, size)
+    return whole[rows, columns]

@@ -34,8 +34,8 @@ DISTORTION_OPERATIONS = 200.0
 class DistortedFrame:
     """How far distortion moves what the frame holds, and how it changes areas.
 
-    reach: largest way in metres from any pixel to the undistorted place of its light. largest,
-    least: gain of area over the frame.
+    reach: largest way in metres from a pixel to its light's undistorted place. largest, least: gain
+    of area.
     """
 
     reach: float
@@ -116,9 +116,9 @@ def distort(
 ) -> torch.Tensor:
     """Distort a picture, given and returned as its spectrum on a plane's samples.
 
-    The light of each area is kept, and is spread over its image. But where the lens has a curve of
-    relative illumination, the light is as bright as the curve says where it lands. bend: whether
-    the lens' distortion counts. scale: by which the image is larger.
+    The light of each area is kept, and spread over its image; but with a curve of relative
+    illumination, it is as bright as that says where it lands. bend: whether the lens' distortion
+    counts. scale: by which the image is larger.
     """
     lens = camera.lens
     by = lens.radial_distortion if bend else None
@@ -126,7 +126,7 @@ def distort(
         return spectrum
     shape = [_FINER * n for n in plane.shape]
     known = irfft2(_padded(spectrum, plane.shape), shape).numpy() * _FINER**2
-    y, x = (_from_corner(plane.coordinates(axis).numpy()) for axis in (0, 1))
+    y, x = (np.fft.ifftshift(plane.coordinates(axis).numpy()) for axis in (0, 1))
     height = np.hypot(y[:, None], x) / scale
     before = height if by is None else by.undistorted(height)
     back = np.divide(before, height, out=np.ones_like(height), where=height > 0) / scale
@@ -140,11 +140,6 @@ def distort(
         # Beyond the frame areas may vanish; light as bright as that would ring into it.
         seen = seen / np.maximum(by.area_gain(before), distorted_frame(camera).least)
     return rfft2(torch.from_numpy(seen.astype(np.float32))).to(torch.complex64)
-
-
-def _from_corner(values: Array) -> Array:
-    """Move an axis' coordinates to the order of a transform, which begins in the corner."""
-    return np.roll(values, -(len(values) // 2))
 
 
 def _padded(spectrum: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:

@@ -31,8 +31,8 @@ class Shadow:
 def dust_shadows(sensor: Sensor, lens: Lens) -> tuple[Shadow, ...]:
     """Return the shadows of a sensor's dust; specks whose shadow is beside it have none.
 
-    A pixel is lit by a cone of light from the lens' stop, which is taken to be round and evenly
-    lit. The cone meets the glass in a disc; the share of it that the speck covers is lost.
+    The cone of light from the lens' stop to a pixel, taken to be round and even, meets the glass in
+    a disc; the share of it that the speck covers is lost.
     """
     return tuple(one for speck in sensor.dust if (one := _shadow(sensor, lens, speck)) is not None)
 

@@ -9,31 +9,36 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optics.sensor.shutter import row_starts
-from simulator.panel_content import FrameSequence, PictureShares, Span
+from optics.validation import require_positive
+from simulator.panel_content import FrameSequence, PanelState, PictureShares, Span
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
-K = TypeVar("K")
+K = TypeVar("K", str, tuple[int, int])
+
+PanelStates = list[tuple[PanelState, Array]]
+"""What the panel shows, with the weight of a cell."""
 
 
 @dataclass(frozen=True, eq=False)
 class ExposureCell:
     """A part of an exposure with one mean PSF and one path of the object.
 
-    panel_state: what the panel shows, whose mean PSF is the cell's. shift: (y, x) metres on the
-    object to the middle of its path. path: (y, x) metres that the object moves. weight: seconds of
-    the lamp's mean light that each row sees, (rows,), or (1,) if all rows see the same.
+    number: its index. panel_state: what the panel shows. shift: (y, x) metres on the object to the
+    middle of its path. path: (y, x) metres that it moves. weight: seconds of the lamp's mean light
+    that each row sees, (rows,), or (1,) if all rows see the same.
     """
 
-    panel_state: PictureShares | FrameSequence
+    number: int
+    panel_state: PanelState
     shift: tuple[float, float]
     path: tuple[float, float]
     weight: Array
@@ -44,24 +49,24 @@ def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
 
     Raises ValueError for an exposure that isn't positive and finite.
     """
-    if not 0 < s.exposure < math.inf:
-        raise ValueError(f"exposure is {s.exposure:g} s; it must be positive and finite")
+    require_positive("exposure", s.exposure, "s")
     starts = row_starts(s.camera.sensor, s.exposure_start, rolling=recipe.rolling).numpy()
     if starts[0] == starts[-1]:
         starts = starts[:1]
     crystal = recipe.crystal and s.panel_content.is_changing
-    found = []
+    found: list[ExposureCell] = []
+    states: PanelStates
     for begin, end in _cuts(s, recipe, starts):
         shift, path = _shift_and_path(s, recipe, begin, end)
         if len(starts) == 1 and not recipe.lamp:
             look = s.panel_content.frame_sequence if crystal else s.panel_content.picture_shares
-            found.append(
-                ExposureCell(look(begin, end - begin), shift, path, np.array([end - begin]))
-            )
-            continue
-        pieces = _PanelTimes(s, recipe, starts, begin, end)
-        follow = pieces.responding_frame_weights if crystal else pieces.still_picture_weights
-        found += [ExposureCell(seen, shift, path, weight) for seen, weight in follow()]
+            seconds = end - begin
+            states = [(look(begin, seconds), np.array([seconds]))]
+        else:
+            pieces = _PanelTimes(s, recipe, starts, begin, end)
+            states = pieces.frame_weights() if crystal else pieces.picture_weights()
+        for state, weight in states:
+            found.append(ExposureCell(len(found), state, shift, path, weight))
     return found
 
 
@@ -102,45 +107,41 @@ class _PanelTimes:
     begin: float
     end: float
 
-    def still_picture_weights(self) -> list[tuple[PictureShares, Array]]:
-        """Return what the panel shows, with each row's weight, if the crystal responds at once.
-
-        If all rows see the same, all pictures are in one cell.
-        """
+    def picture_weights(self) -> PanelStates:
+        """Return what the panel shows, with each row's weight, if the crystal responds at once."""
         present = self._row_weights(1, lambda frame: self.s.panel_content.names[frame])
-        if len(self.starts) > 1:
-            return [(PictureShares(((name, 1.0),)), w) for name, w in sorted(present.items())]
-        total = sum(float(w[0]) for w in present.values())
-        shares = tuple((name, float(w[0]) / total) for name, w in sorted(present.items()))
-        return [(PictureShares(shares), np.array([total]))] if present else []
+        return self._states(present, lambda shares: PictureShares(tuple(shares.items())))
 
-    def responding_frame_weights(self) -> list[tuple[FrameSequence, Array]]:
+    def frame_weights(self) -> PanelStates:
         """Return parts of video frames, with each row's weight, for a slow crystal."""
         parts = 8  # Rows and lamp weight each eighth of a frame by itself.
         shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / parts
-        weights = self._row_weights(parts, lambda part: divmod(part, parts))
-        spans = {
-            (frame, part): Span(frame, part * seconds, (part + 1) * seconds, 1.0)
-            for frame, part in sorted(weights)
-        }
+        present = self._row_weights(parts, lambda part: divmod(part, parts))
+
+        def sequence(shares: dict[tuple[int, int], float]) -> FrameSequence:
+            spans = tuple(
+                Span(frame, part * seconds, (part + 1) * seconds, share)
+                for (frame, part), share in shares.items()
+            )
+            return FrameSequence(shown.names, shown.frame_time, spans)
+
+        return self._states({key: present[key] for key in sorted(present)}, sequence)
+
+    def _states(
+        self, weights: dict[K, Array], state: Callable[[dict[K, float]], PanelState]
+    ) -> PanelStates:
+        """Return the states of shares of items; a single one if all rows see the same."""
         if len(self.starts) > 1:
-            return [
-                (FrameSequence(shown.names, shown.frame_time, (span,)), weights[key])
-                for key, span in spans.items()
-            ]
-        total = sum(float(weights[key][0]) for key in spans)
-        shares = tuple(
-            replace(span, share=float(weights[key][0]) / total) for key, span in spans.items()
-        )
-        if not spans:
-            return []
-        return [(FrameSequence(shown.names, shown.frame_time, shares), np.array([total]))]
+            return [(state({key: 1.0}), weights[key]) for key in sorted(weights)]
+        total = sum(float(weight[0]) for weight in weights.values())
+        shares = {key: float(weights[key][0]) / total for key in sorted(weights)}
+        return [(state(shares), np.array([total]))] if weights else []
 
     def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
         """Return the seconds of the lamp's mean light for which each row sees each item of a video.
 
-        of: returns the item, such as a picture's name, of a part of a frame. Items that no row sees
-        are left out.
+        of: returns the item, such as a picture's name, of a part of a frame. Unseen items are left
+        out.
         """
         weights: defaultdict[K, Array] = defaultdict(lambda: np.zeros(len(self.starts)))
         for numbers, begins, ends in self._intervals(parts):

@@ -27,15 +27,19 @@ def ghost_on_pixels(
     """Return a ghost's light on the pixels of `frame`, without its share.
 
     spectrum: of the picture on the samples of `plane`, by rfft2 with the axis in the corner; a
-    sample has the light of a whole pixel, as `frame` has. aperture: whether the light is averaged
-    over each pixel, or taken at its centre.
-
-    At the height r on the sensor lies the ghost of what the picture has at r / magnification, where
-    its light is denser by the square of that. So pixels and disc are smaller there by as much. All
-    detail of the samples is summed by a chirped Fourier transform.
+    sample has the light of a whole pixel. aperture: whether light is averaged over each pixel. At
+    the height r on the sensor lies the ghost of what the picture has at r / magnification, where
+    its light is denser by the square of that: pixels and disc are smaller there. A chirped Fourier
+    transform sums all detail.
     """
     scale = abs(ghost.magnification)
-    passed = spectrum * _ghost_transfer(plane, frame, ghost, aperture=aperture)
+    # The transfer function of the ghost's disc and of pixels, in the picture's size.
+    transfer = spectrum_of_disc(plane, ghost.blur_diameter / scale).real
+    if aperture:
+        fy, fx = rfft2_frequencies(plane)
+        y, x = (side / scale for side in frame.pitch)
+        transfer = transfer * torch.sinc(fy * y) * torch.sinc(fx * x)
+    passed = spectrum * transfer.to(torch.float32)
     # Columns between the first and the last count twice, for their mirror images.
     passed = passed * rfft_column_weights(plane.shape[1])
     if ghost.magnification > 0:
@@ -48,14 +52,3 @@ def ghost_on_pixels(
     centred = torch.roll(passed, rows // 2, 0).to(torch.complex64)
     light = transform(centred).real
     return light / (scale**2 * math.prod(plane.shape))
-
-
-def _ghost_transfer(plane: Plane, frame: Plane, ghost: Ghost, *, aperture: bool) -> torch.Tensor:
-    """Return the transfer function of a ghost's disc and of pixels, in the picture's size."""
-    scale = abs(ghost.magnification)
-    transfer = spectrum_of_disc(plane, ghost.blur_diameter / scale).real
-    if aperture:
-        fy, fx = rfft2_frequencies(plane)
-        y, x = (side / scale for side in frame.pitch)
-        transfer = transfer * torch.sinc(fy * y) * torch.sinc(fx * x)
-    return transfer.to(torch.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -26,7 +27,7 @@ from simulator.formation.rays import RayOperator
 from simulator.formation.windows import ORDER_FADE_PIXELS, Windows, psf_operations, ray_operations
 from simulator.ledger import Ledger
 from simulator.panel_at_wavelength import modulator_at
-from simulator.panel_content import FrameSequence, PictureShares, Span
+from simulator.panel_content import FrameSequence, PanelState, Span
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
@@ -37,7 +38,7 @@ fields' PSFs."""
 
 
 def exposure_fields(
-    modulator: Modulator, panel_state: PictureShares | FrameSequence, pictures: Pictures, tol: float
+    modulator: Modulator, panel_state: PanelState, pictures: Pictures, tol: float
 ) -> WeightedFields:
     """Yield the panel's fields during an exposure, with each field's share of it.
 
@@ -48,18 +49,9 @@ def exposure_fields(
         return
     for name, share in panel_state.shares:
         if share > 0:
-            fields = modulator.iterate_still_fields(_grey_levels(pictures, name), tol=tol)
+            grey = torch.from_numpy(pictures[name].copy())
+            fields = modulator.iterate_still_fields(grey, tol=tol)
             yield from ((share * weight, field) for weight, field in fields)
-
-
-def _grey_levels(pictures: Pictures, name: str) -> torch.Tensor:
-    """Return a picture's grey levels, uint8."""
-    return torch.from_numpy(pictures[name].copy())
-
-
-def _settled_phase(modulator: Modulator, pictures: Pictures, name: str) -> torch.Tensor:
-    """Return the phase in radians that the crystal reaches for a still pattern."""
-    return torch.as_tensor(modulator.phase(_grey_levels(pictures, name)))
 
 
 def _moving(
@@ -70,17 +62,21 @@ def _moving(
     A span within a frame is treated as a shorter frame, which begins with the phase that the
     crystal has reached by then.
     """
+
+    def settled_phase(name: str) -> torch.Tensor:
+        return torch.as_tensor(modulator.phase(torch.from_numpy(pictures[name].copy())))
+
     tau, frame_time = modulator.panel.response_time, seen.frame_time
     # After 36 time constants a frame has no effect on the phase in double precision (e^-36).
     recent = seen.names[-max(1, math.ceil(36.0 * tau / frame_time)) :]
-    before = torch.stack([_settled_phase(modulator, pictures, name) for name in recent])
+    before = torch.stack([settled_phase(name) for name in recent])
     start = first_start_phase(before, frame_time, tau)
-    spans: dict[int, list[Span]] = {}
+    spans: defaultdict[int, list[Span]] = defaultdict(list)
     for span in seen.spans:
-        spans.setdefault(span.frame, []).append(span)
+        spans[span.frame].append(span)
     for frame, name in enumerate(seen.names):
-        end = _settled_phase(modulator, pictures, name)
-        for span in spans.get(frame, ()):
+        end = settled_phase(name)
+        for span in spans[frame]:
             begun, seconds = relaxed_phase(end, start, span.begin, tau), span.end - span.begin
             fields = modulator.transition_fields(begun, end, seconds, dtype=torch.float32, tol=tol)
             yield from ((span.share * share, field) for share, field in fields)
@@ -97,10 +93,9 @@ sees its progress and can cancel it. Chosen."""
 
 @dataclass(frozen=True)
 class PointSource:
-    """A point whose PSF is computed.
+    """A point whose PSF is computed: its wavelength and its distance from the panel in metres.
 
-    wavelength: metres. distance: metres from the panel. place: (y, x) metres on the sensor from the
-    axis to the point's geometric image.
+    place: (y, x) metres on the sensor from the axis to its geometric image.
     """
 
     wavelength: float
@@ -111,9 +106,9 @@ class PointSource:
 class Kernels:
     """Compute the PSFs of a recipe; each is computed once while the cache holds it.
 
-    A PSF is (rows, columns) of samples around the point's geometric image, or around a diffraction
-    order of it, each as a share of the point's light. Vignetting is applied elsewhere: a PSF off
-    the axis has as much light as one on the axis.
+    A PSF is (rows, columns) of samples around the point's geometric image, or a diffraction order
+    of it, each a share of the point's light. Vignetting is applied elsewhere: off the axis there is
+    as much light.
     """
 
     def __init__(
@@ -125,7 +120,7 @@ class Kernels:
         ledger: Ledger,
         check: Callable[[], None],
     ) -> None:
-        self._s, self._recipe, self._cache, self._ledger = s, recipe, cache, ledger
+        self.s, self.recipe, self.cache, self._ledger = s, recipe, cache, ledger
         self._check, self._merged_orders = check, windows.merged_orders
         self._drift = s.focus_drift if recipe.focus_drift else 0.0
         camera = s.mount.camera_in_panel_axes(replace(s.camera, panel=recipe.panel))
@@ -137,58 +132,65 @@ class Kernels:
     @property
     def key(self) -> tuple[object, ...]:
         """Return the cache key with all that PSFs depend on, without point and panel state."""
-        r = self._recipe
-        beats = self._s.interference if r.interference else 0j
+        r = self.recipe
+        beats = self.s.interference if r.interference else 0j
         sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
         varied = (r.places > 1, r.aberrated_places > 1, r.axial_colour, self._drift)
         axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction, varied)
-        return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
+        return (self.camera, self.s.mount, self.s.numerics, self.s.wavelength, *axes)
 
     def camera_at(self, wavelength: float, place: tuple[float, float] = (0.0, 0.0)) -> Camera:
         """Return the camera in the panel's axes for light of a wavelength.
 
         place: (y, x) metres of the image, for the lens' field aberrations.
         """
-        recipe, lens = self._recipe, self._s.camera.lens
+        recipe, lens = self.recipe, self.s.camera.lens
         shift = lens.focus_shift(wavelength) if recipe.axial_colour else 0.0
         shift += self._drift
         bent = lens.field_aberrations if recipe.aberrated_places > 1 else None
         if not shift and bent is None:
             return self.camera
-        camera = replace(self._s.camera, panel=recipe.panel)
+        camera = replace(self.s.camera, panel=recipe.panel)
         if bent is not None:
             aberrations = add_aberrations(lens.aberrations, bent.at(*place))
             camera = replace(camera, lens=replace(lens, aberrations=aberrations))
-        return self._s.mount.camera_in_panel_axes(defocused(camera, shift) if shift else camera)
+        return self.s.mount.camera_in_panel_axes(defocused(camera, shift) if shift else camera)
 
     def psf(
-        self,
-        panel_state: PictureShares | FrameSequence,
-        point: PointSource,
-        effect: str,
-        order: Order | None = None,
+        self, panel_state: PanelState, point: PointSource, effect: str, order: Order | None = None
     ) -> torch.Tensor:
         """Return a point's PSF, from the cache or computed.
 
-        effect: the effect in the ledger for which it is computed. order: the diffraction order
-        whose cell alone is returned, for the zeroth with the orders that are merged with it; if
-        None, all light in the window.
+        effect: to which the ledger ascribes the work. order: the diffraction order whose cell alone
+        is returned, for the zeroth with those merged with it; if None, all light in the window.
         """
         causes = ("psf", self.key, panel_state, point, order)
-        return self._cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
+        return self.cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
 
     def fields(
-        self, panel_state: PictureShares | FrameSequence, wavelength: float
+        self, panel_state: PanelState, wavelength: float
     ) -> tuple[Modulator, Iterable[tuple[float, torch.Tensor]]]:
-        """Return the modulator at a wavelength, and an exposure cell's fields with their shares."""
-        modulator = modulator_at(self.camera.panel, wavelength)
-        return modulator, self._fields(panel_state, modulator)
+        """Return the modulator at a wavelength, and an exposure cell's fields with their shares.
+
+        The fields are kept if they are needed again, at other depths, places or wavelengths.
+        """
+        r, s, panel = self.recipe, self.s, self.camera.panel
+        pictures, tol = s.panel_content.pictures, s.numerics
+        own = acting = modulator_at(panel, wavelength)
+        if not r.dispersion:
+            acting = modulator_at(panel, s.wavelength)
+        elif r.depths == r.places == r.aberrated_places == 1 and not r.orders:
+            return own, exposure_fields(own, panel_state, pictures, tol)
+        causes = ("fields", panel, acting.wavelength, panel_state, tol)
+        return own, self.cache.get(
+            causes, lambda: list(exposure_fields(acting, panel_state, pictures, tol))
+        )
 
     def central(self, wavelength: float) -> Order | None:
         """Return the zeroth order if a PSF's window reaches beyond its orders, else None."""
         period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
         wide = side > (2 * self._merged_orders + 1) * period - self._fading(period)
-        return (0, 0) if wide and self._recipe.diffraction else None
+        return (0, 0) if wide and self.recipe.diffraction else None
 
     def _fading(self, period: float) -> float:
         """Return the metres over which one diffraction order fades into the next."""
@@ -200,11 +202,7 @@ class Kernels:
 
     def order_centre(self, wavelength: float, order: Order) -> tuple[float, float]:
         """Return (y, x) metres on the sensor from a point's image to one of its orders."""
-        y, x = self._order_offset(wavelength, order)
-        mount = self._s.mount
-        y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
-        cos, sin = math.cos(mount.rotation), math.sin(mount.rotation)
-        return y * cos + x * sin, x * cos - y * sin
+        return self.s.mount.places_on_sensor(*self._order_offset(wavelength, order))
 
     def _order_offset(self, wavelength: float, order: Order) -> tuple[float, float]:
         """Return an order's offset in the panel's axes, rounded to whole samples.
@@ -218,15 +216,12 @@ class Kernels:
         return y, x
 
     def _compute_psf(
-        self,
-        seen: PictureShares | FrameSequence,
-        point: PointSource,
-        effect: str,
-        order: Order | None,
+        self, panel_state: PanelState, point: PointSource, effect: str, order: Order | None
     ) -> torch.Tensor:
         """Compute a point's PSF in the sensor's axes."""
-        mount, modulator = self._s.mount, modulator_at(self.camera.panel, point.wavelength)
-        parts = self._record_fields(seen, modulator, effect, self._window(order).shape)
+        mount, window = self.s.mount, self._window(order)
+        modulator, fields = self.fields(panel_state, point.wavelength)
+        parts = self._record_fields(fields, effect, window.shape)
         if order and any(order):
             light = self._side_order_light(point, order, modulator, parts)
         else:
@@ -238,7 +233,7 @@ class Kernels:
         if correction != 1:
             light = light * correction
         if not mount.is_aligned:
-            light = mount.to_sensor_axes(light, self._window(order))
+            light = mount.to_sensor_axes(light, window)
         return light
 
     def _light(
@@ -247,9 +242,9 @@ class Kernels:
         """Return the PSF of the panel's fields, by waves or rays as the recipe says."""
         if isinstance(operator, RayOperator):
             return _ray_psf(operator, modulator, parts)
-        if not self._recipe.interference:
+        if not self.recipe.interference:
             return modulated_psf(operator, modulator, parts)
-        return _interference_psf(operator, modulator, parts, self._s.interference)
+        return _interference_psf(operator, modulator, parts, self.s.interference)
 
     def _side_order_light(
         self, point: PointSource, order: Order, modulator: Modulator, parts: WeightedFields
@@ -257,10 +252,9 @@ class Kernels:
         """Return the PSF of a side order.
 
         Where hardly any light goes, the error may be a large share of it. The tolerance is
-        therefore relaxed, up to a relative error of 0.1: such an order hardly counts in the
-        picture.
+        therefore relaxed, up to .1: such an order hardly counts in the picture.
         """
-        kept, tol = list(parts), self._s.numerics
+        kept, tol = list(parts), self.s.numerics
         while True:
             try:
                 return self._light(self._operator(point, order, tol), modulator, iter(kept))
@@ -275,9 +269,7 @@ class Kernels:
         if not (self.camera.separation and any(seen)):
             return 1.0
         here, axis = (
-            share_through_stop(
-                self.camera, point.distance, self._place_in_panel_axes(point.distance, place)
-            )
+            share_through_stop(self.camera, point.distance, self._in_panel_axes(point, place))
             for place in (seen, (0.0, 0.0))
         )
         return axis / here if here else 0.0
@@ -285,37 +277,27 @@ class Kernels:
     def _shadow_place(self, point: PointSource) -> tuple[float, float]:
         """Return the place from which a point sees the stop's shadow on the panel.
 
-        It is on the axis where only the lens' aberrations differ over the field.
+        It is on the axis if only the lens' aberrations differ over the field.
         """
-        return point.place if self._recipe.places > 1 else (0.0, 0.0)
+        return point.place if self.recipe.places > 1 else (0.0, 0.0)
 
-    def _place_in_panel_axes(
-        self, distance: float, place: tuple[float, float]
-    ) -> tuple[float, float]:
-        """Return the place of a point's image in the panel's axes, metres (y, x)."""
-        return self._s.mount.place_in_panel_axes(place, self.camera, distance)
+    def _in_panel_axes(self, point: PointSource, place: tuple[float, float]) -> tuple[float, float]:
+        """Return a place of the point's image, (y, x) metres, in the panel's axes."""
+        return self.s.mount.place_in_panel_axes(place, self.camera, point.distance)
 
     def _window(self, order: Order | None) -> Plane:
         """Return the plane of a PSF's window.
 
-        A side order is far from any image, so that all of its square window counts.
+        A side order is far from any image: all of its square window counts.
         """
         return self._around_orders if order and any(order) else self.plane
 
     def _around(self, point: PointSource, order: Order) -> Plane:
         """Return the samples of a PSF around an order, in the panel's axes."""
         plane = self._window(order)
-        if not self._s.mount.is_aligned:
-            plane = self._s.mount.plane_in_panel_axes(plane)
+        if not self.s.mount.is_aligned:
+            plane = self.s.mount.plane_in_panel_axes(plane)
         return replace(plane, centre=self._order_offset(point.wavelength, order))
-
-    def _without_image_shift(self, plane: Plane, camera: Camera, distance: float) -> Plane:
-        """Return the plane on which a centred panel has the light that this one has on a plane."""
-        if self._s.mount.is_centred:
-            return plane
-        moved = self._s.mount.image_shift_in_panel_axes(camera, distance)
-        y, x = (one - away for one, away in zip(plane.centre, moved, strict=True))
-        return replace(plane, centre=(y, x))
 
     def _operator(
         self, point: PointSource, order: Order, tol: float | None = None
@@ -324,72 +306,44 @@ class Kernels:
 
         Unmodulated light is left to the modulator.
         """
-        tol = tol or self._s.numerics
-        camera, recipe = self.camera_at(point.wavelength, point.place), self._recipe
-        plane = self._without_image_shift(self._around(point, order), camera, point.distance)
-        place = self._place_in_panel_axes(point.distance, self._shadow_place(point))
-        if not recipe.diffraction:
-            return RayOperator(camera, point.distance, point.wavelength, plane, place)
-        causes = ("operator", camera, tol, point, plane)
-        return self._cache.get(
-            causes,
+        tol, mount, plane = tol or self.s.numerics, self.s.mount, self._around(point, order)
+        camera = self.camera_at(point.wavelength, point.place)
+        if not mount.is_centred:
+            # On this plane a centred panel has the light that a shifted one has on the other.
+            moved = mount.image_shift_in_panel_axes(camera, point.distance)
+            y, x = (one - away for one, away in zip(plane.centre, moved, strict=True))
+            plane = replace(plane, centre=(y, x))
+        place = self._in_panel_axes(point, self._shadow_place(point))
+        given = camera, point.distance, point.wavelength, plane
+        if not self.recipe.diffraction:
+            return RayOperator(*given, place)
+        return self.cache.get(
+            ("operator", camera, tol, point, plane),
             lambda: PSFOperator(
-                camera,
-                point.distance,
-                point.wavelength,
-                plane,
-                field=place,
-                integrate=False,
-                unmodulated=0.0,
-                tol=tol,
-                budget=_BUDGET,
+                *given, field=place, integrate=False, unmodulated=0.0, tol=tol, budget=_BUDGET
             ),
         )
 
     def _record_fields(
-        self,
-        seen: PictureShares | FrameSequence,
-        modulator: Modulator,
-        effect: str,
-        shape: tuple[int, int],
+        self, fields: Iterable[tuple[float, torch.Tensor]], effect: str, shape: tuple[int, int]
     ) -> WeightedFields:
-        """Yield the panel's fields in an exposure cell, each with a ledger entry and a check.
+        """Yield the panel's fields, each with a ledger entry and a check.
 
         The caller computes a PSF from each field before it asks for the next.
         """
-        count = psf_operations if self._recipe.diffraction else ray_operations
-        panel = self.camera.panel
+        count = psf_operations if self.recipe.diffraction else ray_operations
         self._check()
-        for part in self._fields(seen, modulator):
-            self._ledger.add(effect, count(panel, *shape), 4 * math.prod(shape))
+        for part in fields:
+            self._ledger.add(effect, count(self.camera.panel, *shape), 4 * math.prod(shape))
             yield part
             self._check()
-
-    def _fields(
-        self, seen: PictureShares | FrameSequence, modulator: Modulator
-    ) -> Iterable[tuple[float, torch.Tensor]]:
-        """Return the panel's fields in an exposure cell.
-
-        They are kept if they are needed again, at other depths, places or wavelengths.
-        """
-        r, s = self._recipe, self._s
-        panel, pictures, tol = self.camera.panel, s.panel_content.pictures, s.numerics
-        if not r.dispersion:
-            modulator = modulator_at(panel, s.wavelength)
-        elif r.depths == r.places == r.aberrated_places == 1 and not r.orders:
-            return exposure_fields(modulator, seen, pictures, tol)
-        causes = ("fields", panel, modulator.wavelength, seen, tol)
-        return self._cache.get(
-            causes, lambda: list(exposure_fields(modulator, seen, pictures, tol))
-        )
 
     def _cell_shares(self, point: PointSource, order: Order) -> list[torch.Tensor]:
         """Return the share of each sample's light that belongs to a diffraction order.
 
-        It is the product of two, a column along y and a row along x, in the panel's axes. The
-        orders that are merged with the zeroth belong to it. The shares of all orders add up to 1.
-        Where two orders meet, one fades out as the other fades in: a PSF that ended abruptly would
-        cause ringing.
+        It is the product of a column along y and a row along x, in the panel's axes; those of all
+        orders add up to 1. Where two orders meet, one fades out as the other fades in: a PSF that
+        ended abruptly would cause ringing.
         """
         period, shares = self.period(point.wavelength), []
         for at, k in zip(self._around(point, order).mesh(), order, strict=True):
@@ -419,11 +373,10 @@ def _interference_psf(
 ) -> torch.Tensor:
     """Return the PSF of modulated_psf(), plus the interference with unmodulated light.
 
-    The interference is Re(strength conj(p) q), of the pattern's field p and the field q of light
-    that the panel doesn't modulate (see optics.polarisation.PathEffect). The sensor's field is
-    linear in the panel's, so that |p + a q|² contains the term, and no complex result is needed.
-    Light that the cover glass reflects is too far away to interfere, and light that jitter scatters
-    has no fixed phase.
+    It is Re(strength conj(p) q), of the pattern's field p and the field q of light that the panel
+    doesn't modulate (see optics.polarisation.PathEffect). The sensor's field is linear in the
+    panel's: |p + a q|² contains the term. Light that the cover glass reflects is too far away to
+    interfere, and light that jitter scatters has no fixed phase.
     """
     kept = list(parts)
     light = modulated_psf(operator, modulator, kept)

@@ -2,121 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 
 import numpy as np
 import torch
 
 from optics.caching import ByteCache
 from optics.camera.ghost import total_share
+from optics.formation import rfft2_frequencies
 from optics.sensor.crosstalk import mix_neighbours
 from simulator.formation.coarse_orders import CoarseOrders
-from simulator.formation.compositing import (
-    AdditiveCompositor,
-    LightPath,
-    OccludingCompositor,
-    ZerothOrderPath,
-)
+from simulator.formation.compositing import Compositor, LightPath, ZerothOrderPath
 from simulator.formation.distorting import DISTORTION_OPERATIONS, distort
 from simulator.formation.dust_shadows import cast_shadows
 from simulator.formation.exposure_cells import ExposureCell, exposure_cells
 from simulator.formation.ghosts import ghost_on_pixels, ghost_operations
-from simulator.formation.kernels import Kernels, Order
+from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
 from simulator.formation.nodes import channel_efficiencies, wavelengths
 from simulator.formation.objects import ObjectSpectra
 from simulator.formation.sample_grid import SampleGrid
-from simulator.formation.vibration import image_vibration, vibration_transfer
 from simulator.formation.windows import rendering_windows
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
 from simulator.situation import Situation
-
-_ONE = np.ones((1, 1))
-
-
-def side_orders(most: int) -> list[Order]:
-    """Return all orders up to `most` along each axis but the zeroth."""
-    span = range(-most, most + 1)
-    return [(y, x) for y in span for x in span if y or x]
-
-
-class SideOrderPath:
-    """The way of light that the panel's pixel grid diffracts into one side order.
-
-    An order's offset is proportional to the wavelength. Its PSF is computed around the order's
-    centre, and convolved with the object as if the object were there.
-    """
-
-    def __init__(
-        self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs, order: Order
-    ) -> None:
-        self._gathering, self._objects, self._spreading = gathering, objects, spreading
-        self._order = order
-
-    def layer_spectra(
-        self, number: int, cell: ExposureCell, count: int, nodes: Sequence[int]
-    ) -> list[torch.Tensor]:
-        """Return a layer's light of some wavelengths; see LightPath."""
-        total = self._gathering.zero_spectra(self._spreading.channels)
-        for node in nodes:
-            for channel, light in enumerate(self.wavelength_spectra(number, node, cell, count)):
-                total[channel] += light
-        return total
-
-    def wavelength_spectra(
-        self, number: int, node: int, cell: ExposureCell, count: int
-    ) -> list[torch.Tensor]:
-        """Return a layer's light of one wavelength; see LightPath."""
-        del count
-        layer, weights = self._spreading.layers[number], self._spreading.weights(number)
-        off = self._spreading.order_centre(self._spreading.nodes[node], self._order)
-        where = self._objects.placement(layer, cell, off)
-        total: list[torch.Tensor] = []
-        for part, one in enumerate(layer.parts if where is not None else ()):
-            assert where is not None
-            if self._objects.is_off_plane(one.picture, layer, cell, off):
-                continue
-            angle = self._spreading.angles(number)[part]
-            shining = self._objects.light_spectra(one.picture, layer, where, off, angle)
-            light = self._spectrum(number, node, cell, shining)
-            if light is None:
-                continue
-            total = total or self._gathering.zero_spectra(self._spreading.channels)
-            for channel in range(self._spreading.channels):
-                total[channel] += float(weights[channel, part, node]) * light
-        return total
-
-    def cover_spectrum(
-        self, number: int, node: int, cell: ExposureCell, count: int
-    ) -> torch.Tensor | None:
-        """Return the spectrum of a layer's cover, which may be beside the frame; see LightPath."""
-        del count
-        layer = self._spreading.layers[number]
-        assert layer.cover is not None
-        off = self._spreading.order_centre(self._spreading.nodes[node], self._order)
-        where = self._objects.placement(layer, cell, off)
-        if where is None:
-            return None
-        return self._spectrum(number, node, cell, self._objects.cover_spectra(layer.cover, where))
-
-    def share(self, number: int, node: int, cell: ExposureCell, count: int) -> float:
-        """Return the share of the light in the order's window."""
-        del count
-        first = self._spreading.places[0]
-        return float(self._spreading.order_psf(number, node, first, cell, self._order).sum())
-
-    def _spectrum(
-        self, number: int, node: int, cell: ExposureCell, spectra: list[torch.Tensor]
-    ) -> torch.Tensor | None:
-        """Return a picture's spectrum in this order, or None if none of its light is near."""
-        if not any(bool(one.any()) for one in spectra):
-            return None
-        total = self._gathering.zero_spectra(1)[0]
-        for place, spectrum in zip(self._objects.places, spectra, strict=True):
-            psf = self._spreading.order_psf(number, node, place, cell, self._order)
-            total += self._gathering.transfers([psf], _ONE, "panel orders")[0] * spectrum
-        return total
 
 
 def expected_electrons(
@@ -161,9 +71,9 @@ def expected_electrons(
     found = wavelengths(s, recipe, [part for layer in target.layers for part in layer.parts])
     if found.nodes and found.weights.any():
         render = _Rendering(s, recipe, cache, ledger, check)
-        for number, cell in enumerate(exposure_cells(s, recipe)):
+        for cell in exposure_cells(s, recipe):
             check()
-            light = render.light(cell, number)
+            light = render.light(cell)
             total += light * torch.from_numpy(cell.weight).to(torch.float32)[:, None]
     if recipe.dust:
         ledger.add("dust", total.numel(), 4 * total.numel())
@@ -180,22 +90,26 @@ def expected_electrons(
     return electrons
 
 
+def image_vibration(s: Situation) -> float:
+    """Return how far the image trembles during an exposure, metres rms along an axis.
+
+    A vibration of frequency f and any phase leaves 1 - sinc²(f T) of its variance about the mean
+    place in an exposure T.
+    """
+    camera = s.camera
+    if not camera.vibration:
+        return 0.0
+    periods = camera.vibration_frequency * s.exposure
+    return camera.vibration * math.sqrt(max(1 - float(np.sinc(min(periods, 1e9))) ** 2, 0.0))
+
+
 def _require_counts(recipe: Recipe) -> None:
     """Raise ValueError if one of a recipe's counts is too small."""
-    for name in (
-        "window",
-        "samples_per_pixel",
-        "wavelengths",
-        "depths",
-        "places",
-        "aberrated_places",
-        "motion",
-    ):
-        if getattr(recipe, name) < 1:
-            raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 1 at least")
-    for name in ("leak", "orders"):
-        if getattr(recipe, name) < 0:
-            raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 0 at least")
+    ones = ["window", "samples_per_pixel", "wavelengths", "depths", "places", "motion"]
+    for least, names in ((1, [*ones, "aberrated_places"]), (0, ["leak", "orders"])):
+        for name in names:
+            if (count := getattr(recipe, name)) < least:
+                raise ValueError(f"the recipe's {name} is {count}; it is {least} at least")
 
 
 class _Rendering:
@@ -209,8 +123,8 @@ class _Rendering:
         ledger: Ledger,
         check: Callable[[], None],
     ) -> None:
-        self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
-        self._ledger = ledger
+        self._s, self._recipe, self._cache = s, recipe, cache
+        self._ledger, self._check = ledger, check
         self._vibration = image_vibration(s) if recipe.vibration else 0.0
         coarse = recipe.coarse_orders and recipe.diffraction
         orders = recipe.orders if recipe.diffraction and not coarse else 0
@@ -224,22 +138,18 @@ class _Rendering:
         )
         self._gathering = SampleGrid(s.camera.sensor, windows.picture, recipe, ledger, check)
         kernels = Kernels(s, recipe, windows, cache, ledger, check)
-        objects = ObjectSpectra(s, recipe, self._gathering, kernels, cache)
-        spreading = LayerPSFs(s, recipe, kernels, objects, cache)
+        objects = ObjectSpectra(self._gathering, kernels)
+        spreading = LayerPSFs(kernels, objects)
         self._wavelengths = [one.metres for one in spreading.nodes]
         ways: list[LightPath] = [ZerothOrderPath(self._gathering, objects, spreading)]
-        if orders and not windows.merged_orders:
-            ways += [
-                SideOrderPath(self._gathering, objects, spreading, one)
-                for one in side_orders(orders)
-            ]
-        layered = OccludingCompositor if recipe.occlusion else AdditiveCompositor
-        self._layered = layered(self._gathering, spreading, ways)
-        self._coarse_orders = (
-            CoarseOrders(s, recipe, kernels, spreading, objects, cache) if coarse else None
-        )
+        if not windows.merged_orders:
+            span = range(-orders, orders + 1)
+            sides = [(y, x) for y in span for x in span if y or x]
+            ways += [LightPath(self._gathering, objects, spreading, one) for one in sides]
+        self._layered = Compositor(self._gathering, spreading, ways, recipe.occlusion)
+        self._coarse_orders = CoarseOrders(kernels, spreading, objects) if coarse else None
 
-    def light(self, cell: ExposureCell, number: int) -> torch.Tensor:
+    def light(self, cell: ExposureCell) -> torch.Tensor:
         """Return the light of an exposure cell, computed or from the cache.
 
         It is in electrons per second, (channels, rows, columns).
@@ -258,12 +168,12 @@ class _Rendering:
             cell.panel_state, cell.shift, cell.path, self._vibration,
             s.focus_drift if r.focus_drift else 0.0,
         )  # fmt: skip
-        return self._cache.get(causes, lambda: self._compute_light(cell, number))
+        return self._cache.get(causes, lambda: self._compute_light(cell))
 
-    def _compute_light(self, cell: ExposureCell, number: int) -> torch.Tensor:
+    def _compute_light(self, cell: ExposureCell) -> torch.Tensor:
         aperture = self._recipe.pixel_aperture
         light = []
-        for spectrum, straight in self._spectra(cell, number):
+        for spectrum, straight in self._spectra(cell):
             self._check()
             light.append(self._gathering.light_on_pixels(spectrum, aperture))
             if self._recipe.ghosts:
@@ -274,15 +184,15 @@ class _Rendering:
             total += self._coarse_orders.light(cell)
         return self._with_glare(total) if self._recipe.glare else total
 
-    def _spectra(self, cell: ExposureCell, number: int) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    def _spectra(self, cell: ExposureCell) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """Return all light where it lands, and straight, as two spectra for each channel."""
-        groups: list[tuple[list[int] | None, float]] = [(None, 1.0)]
+        groups = [([*range(len(self._wavelengths))], 1.0)]
         if self._recipe.lateral_colour:
             scale = self._s.camera.lens.image_scale
             groups = [([node], scale(one)) for node, one in enumerate(self._wavelengths)]
         total: list[tuple[torch.Tensor, torch.Tensor]] = []
         for nodes, scaled in groups:
-            straight = [self._blurred(one) for one in self._layered.spectra(cell, number, nodes)]
+            straight = [self._blurred(one) for one in self._layered.spectra(cell, nodes)]
             found = [(self._moved(one, scaled), one) for one in straight]
             if total:
                 found = [(a + c, b + d) for (a, b), (c, d) in zip(total, found, strict=True)]
@@ -295,7 +205,10 @@ class _Rendering:
         if not self._vibration:
             return spectrum
         self._ledger.add("vibration", 20.0 * spectrum.numel(), 12 * spectrum.numel())
-        return spectrum * vibration_transfer(self._gathering.plane, self._vibration)
+        fy, fx = rfft2_frequencies(self._gathering.plane)
+        # A normally distributed vibration.
+        transfer = torch.exp(-2 * (math.pi * self._vibration) ** 2 * (fy**2 + fx**2))
+        return spectrum * transfer.to(torch.float32)
 
     def _moved(self, spectrum: torch.Tensor, scale: float) -> torch.Tensor:
         """Distort and scale a picture, given as its spectrum."""

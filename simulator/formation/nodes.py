@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,10 +38,9 @@ class Wavelength:
 class Wavelengths:
     """The wavelength nodes of a picture, and the weights of its parts at them.
 
-    weights: (channels, parts, nodes). Times electrons_per_radiance() of a part's distance, they are
-    electrons per second and pixel where the part's picture is 1 and all light arrives. aslant: how
-    much more or less they are at the further angles of the filter's light, (angles - 1, channels,
-    parts, nodes).
+    weights: (channels, parts, nodes): times electrons_per_radiance(), electrons per second and
+    pixel where the part's picture is 1 and all light arrives. aslant: how much more or less they
+    are at further angles of the filter's light, (angles - 1, channels, parts, nodes).
     """
 
     nodes: tuple[Wavelength, ...]
@@ -52,9 +51,8 @@ class Wavelengths:
 def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Wavelengths:
     """Return the Gauss nodes of all light that counts, and each part's weights at them.
 
-    A part's weights are those of the interpolating polynomial through the nodes: they add up to all
-    of the part's electrons, for any number of nodes. Without light there are no nodes. The nodes
-    are the same for light of all angles.
+    The weights are those of the interpolating polynomial: they add up to all of a part's electrons,
+    for any number of nodes. Without light there are no nodes. They are the same for all angles.
     """
     curves = channel_efficiencies(s, recipe)
     spectra = [part.spectrum for part in parts]
@@ -94,13 +92,13 @@ def electrons_by_angle(
         x, measure = electrons_by_wavelength(spectra, curves, band, leak)
         return x, np.stack([measure] * len(squared))
     bands = [band.at_angle(one) for one in squared]
-    low, high = min(one.support[0] for one in bands), max(one.support[1] for one in bands)
-    low, high = _seen_range(spectra, curves, low, high)
-    if low >= high:
-        return np.zeros(0), np.zeros((len(squared), len(curves), len(spectra), 0))
-    x, w = _fine_points([*spectra, *curves], low, high)
-    passed = np.stack([one.transmission(x) for one in bands])
-    return x, _density(spectra, curves, x) * (w * passed)[:, None, None]
+    ends = min(one.support[0] for one in bands), max(one.support[1] for one in bands)
+
+    def transmission(x: Array) -> Array:
+        return np.stack([one.transmission(x) for one in bands])[:, None, None]
+
+    x, measure = _electrons(spectra, curves, ends, transmission)
+    return x, measure if x.size else np.zeros((len(squared), *measure.shape))
 
 
 def electrons_by_wavelength(
@@ -108,17 +106,42 @@ def electrons_by_wavelength(
 ) -> tuple[Array, Array]:
     """Return the electrons by wavelength for light in a filter's band, or in its leak.
 
-    The result is points in metres that integrate all spectra, and each point's share of the
-    integral in electrons per joule of white light, (curves, spectra, points). There are no points
-    where no light is emitted or detected.
+    The result is points in metres, none without light, and each point's share of the integral in
+    electrons per joule of white light, (curves, spectra, points).
     """
-    ends = band.leak_range if leak else band.support
-    low, high = _seen_range(spectra, curves, *ends)
-    if low >= high or (leak and not band.leak):
+    if not leak:
+        return _electrons(spectra, curves, band.support, band.transmission)
+    ends = band.leak_range if band.leak else (0.0, 0.0)
+    return _electrons(spectra, curves, ends, lambda x: np.asarray(band.leak))
+
+
+def _electrons(
+    spectra: Sequence[Spectrum],
+    curves: Sequence[Spectrum],
+    ends: tuple[float, float],
+    transmission: Callable[[Array], Array],
+) -> tuple[Array, Array]:
+    """Return electrons_by_wavelength() of light between two wavelengths that is transmitted."""
+    if not spectra:
+        return np.zeros(0), np.zeros((len(curves), 0, 0))
+    every = [*spectra, *curves]
+    low = max(ends[0], min(one.low for one in spectra), min(one.low for one in curves))
+    high = min(ends[1], max(one.high for one in spectra), max(one.high for one in curves))
+    if low >= high:
         return np.zeros(0), np.zeros((len(curves), len(spectra), 0))
-    x, w = _fine_points([*spectra, *curves], low, high)
-    passed = band.leak if leak else band.transmission(x)
-    return x, _density(spectra, curves, x) * (w * passed)
+    # Gauss-Legendre between the spectra's kinks, in 20 intervals at least. Tables may have hundreds
+    # of kinks: the points per interval are limited to 4 to 24, for about 4000 in all.
+    kinks = {low, high, *np.linspace(low, high, 20 + 1).tolist()}
+    kinks.update(x for one in every for x in one.wavelengths if low < x < high)
+    edges = np.array(sorted(kinks))
+    node, weight = gauss_legendre(max(4, min(24, 4000 // len(edges))))
+    half = np.diff(edges)[:, None] / 2
+    x = ((edges[:-1] + edges[1:])[:, None] / 2 + half * node).ravel()
+    w = (half * weight).ravel()
+    photons = x / (constants.h * constants.c)
+    sent = np.stack([one.at(x) for one in spectra])
+    density = np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
+    return x, density * (w * transmission(x))
 
 
 def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
@@ -144,49 +167,13 @@ def mean_curve(colour: Mosaic) -> Spectrum:
     return Spectrum(tuple(nodes), tuple(total))
 
 
-def _seen_range(
-    spectra: Sequence[Spectrum], curves: Sequence[Spectrum], low: float, high: float
-) -> tuple[float, float]:
-    """Return the part of a wavelength range in which light is emitted and detected."""
-    if not spectra:
-        return low, low
-    low = max(low, min(one.low for one in spectra), min(one.low for one in curves))
-    return low, min(high, max(one.high for one in spectra), max(one.high for one in curves))
-
-
-def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Array, Array]:
-    """Return points and weights that integrate all spectra: Gauss-Legendre between their kinks."""
-    kinks = {low, high}
-    for one in every:
-        kinks.update(x for x in one.wavelengths if low < x < high)
-    kinks.update(np.linspace(low, high, 20 + 1).tolist())  # There are at least 20 intervals.
-    edges = np.array(sorted(kinks))
-    # Tables may have hundreds of kinks: the points per interval are limited to 4 to 24, for about
-    # 4000 in all.
-    count = max(4, min(24, 4000 // len(edges)))
-    node, weight = gauss_legendre(count)
-    half = np.diff(edges)[:, None] / 2
-    x = (edges[:-1] + edges[1:])[:, None] / 2 + half * node
-    return x.ravel(), (half * weight).ravel()
-
-
-def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) -> Array:
-    """Return the electrons' spectral density, (curves, spectra, x).
-
-    It is in electrons per metre of wavelength and joule of white light.
-    """
-    photons = x / (constants.h * constants.c)
-    sent = np.stack([one.at(x) for one in spectra])
-    return np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
-
-
 def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
     """Return the Gauss nodes of a sum of measures at points x, and each measure's weights at them.
 
     measures: (..., points), not negative. The weights, (..., nodes), integrate polynomials of a
-    degree below the number of nodes as the measure does; for the sum of the measures, up to twice
-    that, as Gauss' rule. There are fewer nodes than `count` if fewer points have any weight. Golub
-    and Welsch (1969), from the three-term recursion that Lanczos' method finds.
+    degree below the number of nodes as the measure does; for the sum, up to twice that. Points
+    without weight have no nodes. Golub and Welsch (1969), from the recursion that Lanczos' method
+    finds.
     """
     total = measures.sum(tuple(range(measures.ndim - 1)))
     mass = total.sum()
@@ -230,9 +217,8 @@ def electrons_per_radiance(camera: Camera, distance: float) -> float:
 def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:
     """Return for each distance the distances whose PSFs stand for it, and their weights.
 
-    `count` nodes are evenly spaced in 1/distance from the farthest to the nearest; a single node is
-    in the middle. PSFs between two nodes are their weighted mean. If there are as many nodes as
-    distances, or more, the nodes are the distances.
+    `count` nodes are evenly spaced in 1/distance from the farthest to the nearest; a single one is
+    in the middle. PSFs between two are their weighted mean. Fewer distances are their own nodes.
     """
     if count < 1:
         raise ValueError(f"{count} depths; there is one at least")
@@ -249,13 +235,9 @@ def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tupl
         below = min(int((1 / d - low) / step), count - 2)
         share = (1 / d - low) / step - below
         ends = ((below, 1 - share), (below + 1, share))
-        found[d] = [(_distance(low + k * step), w) for k, w in ends if w > 1e-12]
+        steps = [(low + k * step, w) for k, w in ends if w > 1e-12]
+        found[d] = [(1 / one if one > 0 else math.inf, w) for one, w in steps]
     return found
-
-
-def _distance(vergence: float) -> float:
-    """Convert a vergence to a distance in metres, infinite for 0."""
-    return 1 / vergence if vergence > 0 else math.inf
 
 
 def field_nodes(count: int, half: float) -> list[float]:
@@ -269,11 +251,10 @@ def field_nodes(count: int, half: float) -> list[float]:
 
 
 def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
-    """Return the weights that interpolate between nodes, (nodes, points).
+    """Return the weights that interpolate between nodes, (nodes, points), constant beyond them.
 
     They are those of the polynomial through the nodes, by the barycentric formula (Berrut and
-    Trefethen 2004, doi 10.1137/S0036144502417715). Beyond the outermost nodes, the polynomial's
-    value there is kept.
+    Trefethen 2004, doi 10.1137/S0036144502417715).
     """
     if len(nodes) == 1:
         return np.ones((1, len(at)))
@@ -297,8 +278,7 @@ _TABLE = 1025
 def angle_share(squared: Sequence[float], angle: int, camera: Camera, plane: Plane) -> torch.Tensor:
     """Return the weight of one of the filter's angles at each place of a plane, float32.
 
-    squared: sin² of all angles, between which bands are interpolated by a polynomial. Beyond the
-    outermost, its value there is kept.
+    squared: sin² of all angles, between which bands are interpolated by a polynomial.
     """
     table = np.linspace(0, squared[-1], _TABLE)
     share = interpolation_weights(squared, table)[angle]

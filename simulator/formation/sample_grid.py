@@ -12,7 +12,6 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Sensor
-from optics.formation import rfft2_frequencies
 from optics.fourier import fft, irfft2, rfft, rfft2
 from optics.plane import Plane, centred_crop, origin_to_centre, origin_to_corner
 from optics.sensor import pixel_transfer
@@ -27,13 +26,10 @@ Array = NDArray[np.float64]
 class SampleGrid:
     """The samples of a picture, on the sensor and on a margin whose light may be blurred into it.
 
-    min_shape: fewest pixels of the picture, (rows, columns), at least the sensor's. recipe: tells
-    the samples of pictures, PSFs and light in a pixel along each axis. Detail of pictures and PSFs
-    that is finer than the samples of the light is removed. check: is called before every transform,
-    and may raise.
-
-    Spectra are on the rfft2 grid, complex64, with the origin in the corner. Light that a PSF
-    carries periodically around the plane's edges doesn't reach the sensor.
+    min_shape: fewest pixels of the picture, (rows, columns), at least the sensor's. check: is
+    called before every transform, and may raise. Detail finer than the recipe's samples of light is
+    removed. Spectra are on the rfft2 grid, complex64, with the origin in the corner. Light that a
+    PSF carries periodically around the plane's edges doesn't reach the sensor.
     """
 
     def __init__(
@@ -82,7 +78,11 @@ class SampleGrid:
         rows, columns = self._drawn.shape
         self._ledger.add(effect, transform_operations(rows, columns), 8 * rows * columns)
         spectrum = picture.spectrum(self._drawn, magnification, shift).to(torch.complex64)
-        return _crop_spectrum(spectrum, self._drawn.shape, self.plane.shape)
+        # Detail finer than the samples resolve is left out.
+        kept_rows, kept_columns = self.plane.shape
+        samples = rows * columns / (kept_rows * kept_columns)
+        kept = _low_rows(spectrum, kept_rows)[:, : kept_columns // 2 + 1]
+        return (kept / samples).contiguous()
 
     def samples(self, spectrum: torch.Tensor, effect: str) -> torch.Tensor:
         """Transform a spectrum to its samples, (rows, columns)."""
@@ -99,28 +99,17 @@ class SampleGrid:
     ) -> list[torch.Tensor]:
         """Return the transfer functions of weighted sums of PSFs.
 
-        weights: (sums, PSFs). The sums are formed before or after the transform, whichever needs
-        fewer transforms.
+        weights: (sums, PSFs). Sums are formed before or after the transform, whichever needs fewer.
         """
         if len(psfs) <= len(weights):
-            known = [self._transfer(psf, effect) for psf in psfs]
+            known = [self.transfer(psf, effect) for psf in psfs]
             return [_weighted_sum(known, row) for row in weights]
-        return [self._transfer(_weighted_sum(psfs, row), effect) for row in weights]
+        return [self.transfer(_weighted_sum(psfs, row), effect) for row in weights]
 
-    def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
+    def transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
         """Return the transfer function of one PSF."""
         self._count(effect)
         return _transform_centred_part(psf.to(torch.float32), self._of_psfs.shape, self.plane.shape)
-
-    def motion_transfer(self, path: tuple[float, float]) -> torch.Tensor | None:
-        """Return the transfer function of uniform motion; None without motion.
-
-        path: (y, x) metres on the sensor.
-        """
-        if not any(path):
-            return None
-        fy, fx = rfft2_frequencies(self.plane)
-        return torch.sinc(fy * path[0] + fx * path[1]).to(torch.float32)
 
     @cached_property
     def _aperture(self) -> torch.Tensor:
@@ -146,8 +135,7 @@ def _transform_centred_part(
     """Transform a PSF that is zero except for a part around its origin, by rfft2.
 
     The part's origin is at n // 2 along both axes. Rows without light aren't transformed. shape: of
-    the whole PSF. kept: of as large a plane with as many samples or fewer; the result has its
-    frequencies, and finer detail is removed.
+    the whole PSF. kept: of as large a plane with no more samples, whose frequencies the result has.
     """
     lit = rfft(_from_origin(part, shape[1], 1))[:, : kept[1] // 2 + 1]
     whole = _from_origin(lit, shape[0], 0)
@@ -166,15 +154,6 @@ def _from_origin(part: torch.Tensor, length: int, dim: int) -> torch.Tensor:
     whole.narrow(dim, 0, count - before).copy_(part.narrow(dim, before, count - before))
     whole.narrow(dim, length - before, before).copy_(part.narrow(dim, 0, before))
     return whole
-
-
-def _crop_spectrum(
-    spectrum: torch.Tensor, shape: tuple[int, int], new_shape: tuple[int, int]
-) -> torch.Tensor:
-    """Return the rfft2 of a picture on fewer samples, without detail finer than they resolve."""
-    rows, columns = new_shape
-    samples = shape[0] * shape[1] / (rows * columns)
-    return (_low_rows(spectrum, rows)[:, : columns // 2 + 1] / samples).contiguous()
 
 
 def _low_rows(spectrum: torch.Tensor, rows: int) -> torch.Tensor:

@@ -1,8 +1,7 @@
 """The windows of PSFs, and the size that a picture needs for them.
 
-No light goes farther than from the outermost point of the target to the outermost pixel. A PSF up
-to that distance is as good as a larger one. Light that is carried periodically around the picture's
-edges doesn't reach the sensor.
+No light goes farther than from the target's outermost point to the outermost pixel: a PSF up to
+that distance is as good as a larger one.
 """
 
 from __future__ import annotations
@@ -80,7 +79,7 @@ def _field_of_ghosts(s: Situation) -> tuple[float, float]:
 def max_blur_distance(s: Situation) -> tuple[float, float]:
     """Return the largest distance from any light's image to any pixel.
 
-    The distances (y, x) are in metres on the sensor, along the panel's axes.
+    It is (y, x) metres on the sensor, along the panel's axes.
     """
     sensor, moved = s.camera.sensor, moved_frame(s).reach
     y, x = (
@@ -97,9 +96,9 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
 class Windows:
     """Sizes in sensor pixels, (rows, columns).
 
-    psf: of the PSF around a point's image. side_order: of the PSF around each side order's centre.
-    picture: of the picture with its margin. merged_orders: side orders of the panel, on each side,
-    that the PSF around the image includes; 0 if they have windows of their own.
+    psf, side_order: of the PSF around a point's image, and around each side order's centre.
+    picture: with its margin. merged_orders: side orders on each side that the PSF around the image
+    includes; 0 if they have windows of their own.
     """
 
     psf: tuple[int, int]
@@ -123,15 +122,14 @@ def rendering_windows(
     panel's orders lie close together, one PSF with all of them takes less work than one for each.
     Raises ValueError for ghosts of so wide a field that the picture would be many times as large.
 
-    window: largest side of a PSF's window, sensor pixels.
-    orders: side orders of the panel on each side that are rendered.
-    wave: whether light is a wave; rays have no orders.
-    samples: of PSFs, and of light, along each axis of a pixel, for the work.
-    ghosts: whether the lens' ghosts count, which may bring light from beside the frame.
+    window: largest side of a PSF's window, sensor pixels. orders: of the panel on each side. wave:
+    whether light is a wave; rays have no orders. samples: of PSFs, and of light, along each axis of
+    a pixel, for the work. ghosts: whether the lens' ghosts count, which may bring light from beside
+    the frame.
     """
-    found = _windows_with(s, window, orders, samples, wave=wave, ghosts=ghosts)
+    found = _windows_with(s, window, orders, wave, samples, ghosts)
     if ghosts and any(_field_of_ghosts(s)):
-        without = _windows_with(s, window, orders, samples, wave=wave, ghosts=False)
+        without = _windows_with(s, window, orders, wave, samples, False)
         larger = math.prod(found.picture) / math.prod(without.picture)
         is_large = samples[1] ** 2 * math.prod(found.picture) > _GHOSTS_LARGE
         if is_large and larger > _GHOSTS_LARGER:
@@ -144,25 +142,32 @@ def rendering_windows(
 
 
 def _windows_with(
-    s: Situation, window: int, orders: int, samples: tuple[int, int], *, wave: bool, ghosts: bool
+    s: Situation, window: int, orders: int, wave: bool, samples: tuple[int, int], ghosts: bool
 ) -> Windows:
     """Return rendering_windows(), whether or not ghosts are too wide."""
+
+    def within_reach(side: int) -> tuple[int, int]:
+        """Return a PSF's window of a side: smaller where no light goes so far."""
+        pitch = s.camera.sensor.pitch
+        # min() comes first, as an infinite distance has no ceil().
+        reach = (2 * math.ceil(min(one / pitch, side)) + _SPARE for one in max_blur_distance(s))
+        rows, columns = (min(side, one) for one in reach)
+        return rows, columns
+
+    def around_image(side: int, merged: int = 0) -> Windows:
+        psf = within_reach(side)
+        return Windows(psf, psf, _picture_shape(s, psf, ghosts=ghosts), merged)
+
     if not wave:
-        own = _window_within_reach(s, window)
-        return Windows(own, own, _picture_shape(s, own, ghosts=ghosts))
+        return around_image(window)
     one = min(window, _order_side(s, 0))
-    apart = Windows(
-        _window_within_reach(s, one),
-        (one, one),
-        _picture_shape(s, (one, one), ghosts=ghosts, endless=True),
-    )
     if not orders:
-        return Windows(apart.psf, apart.psf, _picture_shape(s, apart.psf, ghosts=ghosts))
-    psf = _window_within_reach(s, _order_side(s, orders))
-    merged = Windows(psf, psf, _picture_shape(s, psf, ghosts=ghosts), orders)
+        return around_image(one)
+    picture = _picture_shape(s, (one, one), ghosts=ghosts, endless=True)
+    apart = Windows(within_reach(one), (one, one), picture)
+    merged = around_image(_order_side(s, orders), orders)
     together, each = (samples[1] ** 2 * math.prod(one.picture) for one in (merged, apart))
-    too_large = together > max(_LARGE, _LARGER * each)
-    if s.camera.separation or too_large:
+    if s.camera.separation or together > max(_LARGE, _LARGER * each):
         return apart
     less = _work(s, merged, 0, samples) <= _work(s, apart, orders, samples)
     return merged if less else apart
@@ -189,40 +194,23 @@ def _work(s: Situation, windows: Windows, orders: int, samples: tuple[int, int])
     return one(windows.psf) + others * (one(windows.side_order) + 2 * transform) + transform
 
 
-def _window_within_reach(s: Situation, window: int) -> tuple[int, int]:
-    """Return a PSF's window, (rows, columns): smaller where no light goes so far.
-
-    window: its side.
-    """
-    pitch = s.camera.sensor.pitch
-    # min() comes first, as an infinite distance has no ceil().
-    sides = (2 * math.ceil(min(one / pitch, window)) + _SPARE for one in max_blur_distance(s))
-    rows, columns = (min(window, side) for side in sides)
-    return rows, columns
-
-
 def _picture_shape(
     s: Situation, sides: tuple[int, int], *, ghosts: bool, endless: bool = False
 ) -> tuple[int, int]:
     """Return the size of a picture with its margin, (rows, columns) of sensor pixels.
 
-    The margin is so wide that light carried periodically around the edges doesn't reach the sensor.
-    sides: of the PSF's window. ghosts: whether the lens' ghosts are rendered. endless: whether the
-    light is taken to go on for ever, since a side order may bring any of it.
+    Light carried periodically around the edges doesn't reach the sensor. sides: of the PSF's
+    window. endless: whether light goes on for ever, since a side order may bring any of it.
     """
-    lit = [math.inf if endless else one / s.camera.sensor.pitch for one in light_extent(s)]
+    sensor, moved = s.camera.sensor, moved_frame(s).reach
+    beside = _field_of_ghosts(s) if ghosts else (0.0, 0.0)
     found = []
-    # Distortion, colours and ghosts bring light into the frame from so far beside it.
-    moved = moved_frame(s).reach
-    field = _field_of_ghosts(s) if ghosts else (0.0, 0.0)
-    frame = [
-        n + 2 * math.ceil(max(moved, beside) / s.camera.sensor.pitch)
-        for n, beside in zip(s.camera.sensor.shape, field, strict=True)
-    ]
-    for n, side, far in zip(frame, sides, lit, strict=True):
+    for n, side, lit, field in zip(sensor.shape, sides, light_extent(s), beside, strict=True):
+        # Distortion, colours and ghosts bring light into the frame from so far beside it.
+        frame = n + 2 * math.ceil(max(moved, field) / sensor.pitch)
         # Small windows share a margin, so that other patterns find what is kept of the scene.
-        shared = 2 ** math.ceil(math.log2(max(n * _SHARED_MARGIN, 1)))
-        around = (n + max(side, shared)) / 2
-        found.append(max(math.ceil(around + min(far, around)) + _SPARE, n, side))
-    rows, columns = found
-    return rows, columns
+        shared = 2 ** math.ceil(math.log2(max(frame * _SHARED_MARGIN, 1)))
+        around = (frame + max(side, shared)) / 2
+        far = around if endless else min(lit / sensor.pitch, around)
+        found.append(max(math.ceil(around + far) + _SPARE, frame, side))
+    return found[0], found[1]

@@ -1,10 +1,10 @@
 """Colour values that a CS-2000 computes from a spectrum.
 
 The colour matching functions are the analytic fits of Wyman, Sloan and Shirley, "Simple Analytic
-Approximations to the CIE XYZ Color Matching Functions", Journal of Computer Graphics Techniques
-2(2), 2013: multi-lobe for the 2 degrees observer of 1931, single-lobe for the 10 degrees observer
-of 1964. They differ from the tables by 0.7 to 1.4 % and 2.5 to 3.2 % of the tables' norm. The
-constants of luminance and of the Planckian locus come from CIE 015:2018.
+Approximations to the CIE XYZ Color Matching Functions", JCGT 2(2), 2013: multi-lobe for the 2
+degrees observer of 1931, single-lobe for the 10 degrees observer of 1964. They differ from the
+tables by 0.7 to 1.4 % and 2.5 to 3.2 % of the tables' norm. The constants are those of CIE
+015:2018.
 """
 
 from __future__ import annotations
@@ -33,29 +33,21 @@ def colour_matching_functions(wavelengths_m: Array, observer: int = 2) -> Array:
     observer: of 2 or 10 degrees.
     """
     nm = np.asarray(wavelengths_m) * 1e9
-    return np.stack(_matching_2_degrees(nm) if observer == 2 else _matching_10_degrees(nm))
+    if observer == 2:
+        x = 1.056 * _lobe(nm, 599.8, 37.9, 31.0) + 0.362 * _lobe(nm, 442.0, 16.0, 26.7)
+        x = x - 0.065 * _lobe(nm, 501.1, 20.4, 26.2)
+        y = 0.821 * _lobe(nm, 568.8, 46.9, 40.5) + 0.286 * _lobe(nm, 530.9, 16.3, 31.1)
+        z = 1.217 * _lobe(nm, 437.0, 11.8, 36.0) + 0.681 * _lobe(nm, 459.0, 26.0, 13.8)
+    else:
+        x = 0.398 * np.exp(-1250 * np.log((nm + 570.1) / 1014) ** 2)
+        x = x + 1.132 * np.exp(-234 * np.log((1338 - nm) / 743.5) ** 2)
+        y = 1.011 * np.exp(-0.5 * ((nm - 556.1) / 46.14) ** 2)
+        z = 2.060 * np.exp(-32 * np.log((nm - 265.8) / 180.4) ** 2)
+    return np.stack([x, y, z])
 
 
 def _lobe(nm: Array, centre: float, below: float, above: float) -> Array:
     return np.exp(-0.5 * ((nm - centre) / np.where(nm < centre, below, above)) ** 2)
-
-
-def _matching_2_degrees(nm: Array) -> tuple[Array, Array, Array]:
-    x = 1.056 * _lobe(nm, 599.8, 37.9, 31.0) + 0.362 * _lobe(nm, 442.0, 16.0, 26.7)
-    return (
-        x - 0.065 * _lobe(nm, 501.1, 20.4, 26.2),
-        0.821 * _lobe(nm, 568.8, 46.9, 40.5) + 0.286 * _lobe(nm, 530.9, 16.3, 31.1),
-        1.217 * _lobe(nm, 437.0, 11.8, 36.0) + 0.681 * _lobe(nm, 459.0, 26.0, 13.8),
-    )
-
-
-def _matching_10_degrees(nm: Array) -> tuple[Array, Array, Array]:
-    x = 0.398 * np.exp(-1250 * np.log((nm + 570.1) / 1014) ** 2)
-    return (
-        x + 1.132 * np.exp(-234 * np.log((1338 - nm) / 743.5) ** 2),
-        1.011 * np.exp(-0.5 * ((nm - 556.1) / 46.14) ** 2),
-        2.060 * np.exp(-32 * np.log((nm - 265.8) / 180.4) ** 2),
-    )
 
 
 def tristimulus(wavelengths_m: Array, radiance: Array, observer: int = 2) -> Array:
@@ -90,21 +82,20 @@ def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> t
     u, v = uniform_chromaticity(xyz)
     if math.isnan(u):
         return math.nan, math.nan
-    temperatures = _TEMPERATURES
     first, step = float(wavelengths_m[0]), float(wavelengths_m[1] - wavelengths_m[0])
     locus = _planckian_locus(first, step, len(wavelengths_m), observer)
     du, dv = u - locus[0], (v - locus[1]) * 2 / 3
     distance = np.hypot(du, dv)
     nearest = int(np.argmin(distance))
-    if distance[nearest] > 0.05 or nearest in (0, len(temperatures) - 1):
+    if distance[nearest] > 0.05 or nearest in (0, len(_TEMPERATURES) - 1):
         return math.nan, math.nan
     # A parabola of the temperature's logarithm through three squared distances gives the minimum
     # between the samples.
     before, here, after = distance[nearest - 1 : nearest + 2] ** 2
     shift = 0.5 * (before - after) / (before - 2 * here + after)
-    ratio = temperatures[1] / temperatures[0]
+    ratio = _TEMPERATURES[1] / _TEMPERATURES[0]
     least = math.sqrt(max(0.0, here - 0.25 * (before - after) * shift))
-    return float(temperatures[nearest] * ratio**shift), math.copysign(least, dv[nearest])
+    return float(_TEMPERATURES[nearest] * ratio**shift), math.copysign(least, dv[nearest])
 
 
 @functools.lru_cache(maxsize=8)
@@ -122,10 +113,9 @@ def _planckian_locus(first: float, step: float, count: int, observer: int) -> Ar
 
 
 def dominant_wavelength(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
-    """Return the dominant wavelength (nm) and the excitation purity (%).
+    """Return the dominant wavelength (nm) and the excitation purity (%), from equal-energy white.
 
-    The white point is that of equal energy. Purples have the negative complementary wavelength.
-    Both values are NaN for a spectrum without light and for white itself.
+    Purples have the negative complementary wavelength. Both are NaN without light and for white.
     """
     x, y = chromaticity(xyz)
     dx, dy = x - 1 / 3, y - 1 / 3
@@ -143,15 +133,17 @@ def dominant_wavelength(wavelengths_m: Array, xyz: Array, observer: int = 2) -> 
         nm = float(np.interp(index, np.arange(len(seen)), seen)) * 1e9
         if sign > 0:
             return nm, 100 * math.hypot(dx, dy) / far
-        return -nm, 100 * math.hypot(dx, dy) / _distance_to_purple_line(locus, dx, dy)
+        # The distance from white to the line of purples, which joins the ends of the locus.
+        a, side = locus[:, 0], locus[:, -1] - locus[:, 0]
+        along = (a[0] * side[1] - a[1] * side[0]) / (dx * side[1] - dy * side[0])
+        return -nm, 100 * math.hypot(dx, dy) / float(along * math.hypot(dx, dy))
     return math.nan, math.nan
 
 
 def _locus_crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[float, float] | None:
     """Find where a ray from white crosses the spectral locus: fractional index and distance.
 
-    If the ray crosses more than once, as in the violet, the crossing where `seen` is largest
-    counts.
+    Of several crossings, as in the violet, that where `seen` is largest counts.
     """
     across = locus[0] * dy - locus[1] * dx
     along = locus[0] * dx + locus[1] * dy
@@ -162,11 +154,3 @@ def _locus_crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[fl
     share = float(across[i] / (across[i] - across[i + 1])) if across[i] != across[i + 1] else 0.0
     point = locus[:, i] + share * (locus[:, i + 1] - locus[:, i])
     return i + share, float(np.hypot(*point))
-
-
-def _distance_to_purple_line(locus: Array, dx: float, dy: float) -> float:
-    """Return the distance from white to the line of purples in the direction (dx, dy)."""
-    a, b = locus[:, 0], locus[:, -1]
-    side = b - a
-    bottom = dx * side[1] - dy * side[0]
-    return float((a[0] * side[1] - a[1] * side[0]) / bottom * math.hypot(dx, dy))

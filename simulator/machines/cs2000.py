@@ -6,10 +6,11 @@ Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specif
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,18 +31,8 @@ _FAILED_VALUE = "D1BA43B6"
 
 _NAMES_2_DEGREES = ("X", "Y", "Z", "x", "y", "u'", "v'", "T", "duv", "ld", "Pe")
 _NAMES_10_DEGREES = (
-    "X10",
-    "Y10",
-    "Z10",
-    "x10",
-    "y10",
-    "u10'",
-    "v10'",
-    "T10",
-    "duv10",
-    "ld10",
-    "Pe10",
-)
+    "X10", "Y10", "Z10", "x10", "y10", "u10'", "v10'", "T10", "duv10", "ld10", "Pe10"
+)  # fmt: skip
 
 BLOCKS: dict[int, tuple[str, ...]] = {
     0: ("Le", "Lv", *_NAMES_2_DEGREES, *_NAMES_10_DEGREES),
@@ -72,23 +63,20 @@ def colorimetric_values(
     values = {"Le": float(per_nm.sum()) * step * 1e9}
     for observer, names in ((2, _NAMES_2_DEGREES), (10, _NAMES_10_DEGREES)):
         xyz = tristimulus(wavelengths_m, per_nm * 1e9, observer)
+        given = wavelengths_m, xyz, observer
         numbers = (
-            *xyz,
-            *chromaticity(xyz),
-            *uniform_chromaticity(xyz),
-            *colour_temperature(wavelengths_m, xyz, observer),
-            *dominant_wavelength(wavelengths_m, xyz, observer),
-        )
+            *xyz, *chromaticity(xyz), *uniform_chromaticity(xyz),
+            *colour_temperature(*given), *dominant_wavelength(*given),
+        )  # fmt: skip
         values |= dict(zip(names, map(float, numbers), strict=True))
     values["Lv"] = values["Y"]
     return values
 
 
 def format_value(name: str, value: float, hexadecimal: bool, failed_is_zero: bool = False) -> str:
-    """Format a value as the instrument's replies do.
+    """Format a value, colorimetric by its name or "spectral", as the instrument's replies do.
 
-    name: of a colorimetric value, or "spectral". failed_is_zero: whether a value that can't be
-    computed is sent as 0, as old firmware does.
+    failed_is_zero: whether a value that can't be computed is sent as 0, as old firmware does.
     """
     if math.isnan(value) and failed_is_zero:
         value = 0.0
@@ -104,10 +92,6 @@ def format_value(name: str, value: float, hexadecimal: bool, failed_is_zero: boo
     if kind in ("Lv", "ld", "Pe"):
         return "-9.9e9" if math.isnan(value) else _format_six_characters(value)
     return "-9.9999e9" if math.isnan(value) else _format_exponential(value)
-
-
-def format_block(names: Sequence[str], values: dict[str, float], *how: bool) -> list[str]:
-    return [format_value(name, values[name], *how) for name in names]
 
 
 def _format_exponential(value: float) -> str:
@@ -155,11 +139,10 @@ class _PendingReply:
 class CS2000Machine(FaultyMachine):
     """Simulate a CS-2000 spectroradiometer: its commands and the light that it measures.
 
-    spectrum: returns the radiance in W/(sr m² m) at wavelengths in metres; it is called for every
-    measurement. model, serial, firmware: as the instrument reports them; the firmware decides
-    which commands it knows. angle: position of its dial, 0 for 1 degree, 1 for 0.2, 2 for 0.1.
-    slit_nm: full width at half maximum of its triangular slit, 0 for none; the data sheet has
-    5 nm at most.
+    spectrum: returns the radiance in W/(sr m² m) at wavelengths in metres, for every measurement.
+    firmware: decides which commands the instrument knows. angle: position of its dial, 0 for 1
+    degree, 1 for 0.2, 2 for 0.1. slit_nm: full width at half maximum of its triangular slit, 0 for
+    none; the data sheet has 5 nm at most.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code")
@@ -177,8 +160,7 @@ class CS2000Machine(FaultyMachine):
         self.optics = CS2000Optics(spectrum, slit_nm, angle)
         self.settings = CS2000Settings(model, serial, firmware, self.optics)
         self._buffer, self._last_byte_at = bytearray(), -math.inf
-        self._after_cr = False
-        self._delimiter = b"\r"
+        self._after_cr, self._delimiter = False, b"\r"
         self._answers: list[_PendingReply] = []
         self._measuring: _Measurement | None = None
         self.measured_radiance: Array | None = None
@@ -239,7 +221,12 @@ class CS2000Machine(FaultyMachine):
 
     def _advance(self, t: float) -> list[Reply]:
         """Finish what is to be done by time t, and return the replies."""
-        replies = self._advance_measurement(t)
+        replies: list[Reply] = []
+        while (going := self._measuring) and going.until <= t:
+            if going.in_main_phase and "busy forever" in self._faults:
+                break
+            finish = self._finish_measurement if going.in_main_phase else self._begin_main_phase
+            replies += finish(going)
         while self._answers and self._answers[0].at <= t:
             answer = self._answers.pop(0)
             replies.append(Reply(t, answer.text.encode() + answer.delimiter))
@@ -249,34 +236,45 @@ class CS2000Machine(FaultyMachine):
         if self._measuring and not self._measuring.in_main_phase:
             # The instrument ignores commands during the pre-measurement, which finds the exposure.
             return []
+        text = self._answer(command, t)
+        if text is not None:
+            return self._queue_reply(text, t)
+        return [Reply(self._measuring.until, b"")] if self._measuring else []
+
+    def _answer(self, command: str, t: float) -> str | None:
+        """Carry out a command, and return its reply; None if a measurement has begun."""
         name, *parameters = command.split(",")
         if "error code" in self._faults:
-            return self._queue_reply("ER99", t)
+            return "ER99"
         if name != "RMTS" and not self.settings.remote:
-            return self._queue_reply("ER00", t)
-        if self._measuring and name == "MEDR":
-            return self._queue_reply("ER02", t)
+            return "ER00"
         if self._measuring and name != "MEAS":
-            return self._queue_reply("ER00", t)
-        work = self._medr if name == "MEDR" else self.settings.command_handler(name)
-        if work is None and name != "MEAS":
-            return self._queue_reply("ER00", t)
-        if any(not re.fullmatch(r"[0-9]{1,9}", p) for p in parameters):
-            return self._queue_reply("ER17", t)
-        numbers = [int(p) for p in parameters]
+            return "ER02" if name == "MEDR" else "ER00"
+        work: Callable[[list[int]], str | None] | None = self.settings.command_handler(name)
+        if name == "MEDR":
+            work = self._medr
+        if name == "MEAS":
+            work = functools.partial(self._meas, t)
         if work is None:
-            return self._meas(numbers, t)
-        return self._queue_reply(work(numbers), t)
+            return "ER00"
+        if any(not re.fullmatch(r"[0-9]{1,9}", p) for p in parameters):
+            return "ER17"
+        answer = work([int(p) for p in parameters])
+        if answer == "OK00":
+            self.settings.store(name)
+        return answer
 
-    def _meas(self, given: list[int], t: float) -> list[Reply]:
+    def _meas(self, t: float, given: list[int]) -> str | None:
+        """Answer the command MEAS: begin a measurement, or abort it."""
         if len(given) != 1:
-            return self._queue_reply("ER00", t)
+            return "ER00"
         if given[0] > 1 or bool(given[0]) == (self._measuring is not None):
-            return self._queue_reply("ER17", t)
+            return "ER17"
         if given[0]:
-            return self._start(t)
+            self._start(t)
+            return None
         self._measuring = None
-        return self._queue_reply("OK00", t)
+        return "OK00"
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
         """Begin a measurement, and return its wake-up call."""
@@ -284,19 +282,6 @@ class CS2000Machine(FaultyMachine):
         until = t + min(10.0, max(1.0, self.optics.required_exposure(*self.settings.speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
         return [Reply(until, b"")]
-
-    def _advance_measurement(self, t: float) -> list[Reply]:
-        """Finish the phases of a measurement that end by time t, and return the replies."""
-        replies: list[Reply] = []
-        while (going := self._measuring) and going.until <= t:
-            if going.in_main_phase and "busy forever" in self._faults:
-                break
-            replies += (
-                self._finish_measurement(going)
-                if going.in_main_phase
-                else self._begin_main_phase(going)
-            )
-        return replies
 
     def _begin_main_phase(self, going: _Measurement) -> list[Reply]:
         """End the pre-measurement, and report how long the main one takes."""
@@ -314,9 +299,8 @@ class CS2000Machine(FaultyMachine):
     def _finish_measurement(self, going: _Measurement) -> list[Reply]:
         self._measuring = None
         # The instrument corrects for the external filter that it was set to, even if none is there.
-        self.measured_radiance = (
-            self.optics.measured_spectrum() * 10.0 ** self.settings.single_values["NDFS"]
-        )
+        correction = 10.0 ** self.settings.single_values["NDFS"]
+        self.measured_radiance = self.optics.measured_spectrum() * correction
         self._unread = set(_SPANS)
         self.conditions = self.settings.conditions(going.integration, going.nd)
         return self._report_measurement("OK00", going)
@@ -337,21 +321,14 @@ class CS2000Machine(FaultyMachine):
             return "ER20"
         if mode == 0:
             return f"OK00,{self.conditions}"
-        how = (form == 1, self.settings.has_first_firmware)
         if mode == 1:
-            texts = [
-                format_value("spectral", float(v), *how)
-                for v in self.measured_radiance[_SPANS[number]]
-            ]
+            self._unread -= {number}
+            values = [("spectral", float(one)) for one in self.measured_radiance[_SPANS[number]]]
         else:
-            texts = format_block(
-                BLOCKS[number], colorimetric_values(WAVELENGTHS, self.measured_radiance), *how
-            )
-        self._discard_read_block(mode, number)
-        return ",".join(["OK00", *texts])
-
-    def _discard_read_block(self, mode: int, number: int) -> None:
-        """Discard a measurement once it is read out, if the measuring key is on."""
-        self._unread -= {number} if mode == 1 else set()
+            known_values = colorimetric_values(WAVELENGTHS, self.measured_radiance)
+            values = [(name, known_values[name]) for name in BLOCKS[number]]
         if self.settings.single_values["MSWE"] and (mode == 2 or not self._unread):
+            # The measuring key is on: a measurement is discarded once it is read out.
             self.measured_radiance = None
+        how = form == 1, self.settings.has_first_firmware
+        return ",".join(["OK00", *(format_value(name, value, *how) for name, value in values)])

@@ -6,6 +6,7 @@ Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specif
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Callable
@@ -41,10 +42,8 @@ class CS2000Optics:
         """Return the radiance behind slit and external filter, in W/(sr m² nm)."""
         samples_per_nm = 5
         reach = samples_per_nm * self._slit
-        nm = (
-            np.arange(samples_per_nm * 380 - reach, samples_per_nm * 780 + reach + 1)
-            / samples_per_nm
-        )
+        first, last = samples_per_nm * 380 - reach, samples_per_nm * 780 + reach
+        nm = np.arange(first, last + 1) / samples_per_nm
         light = np.asarray(self._spectrum(nm * 1e-9), np.float64) * 1e-9
         if reach:
             weights = reach - np.abs(np.arange(-reach, reach + 1.0))
@@ -78,9 +77,6 @@ class CS2000Optics:
 Command = Callable[[list[int]], str]
 """Handler of a command, from its parameters to its reply."""
 
-_COMMANDS = ("RMTS", "IDDR", "STSR", "DTCR", "SCMS", "SCMR", "SPMS", "SPMR")
-"""Commands that have a method with their name."""
-
 _INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
 """Commands whose settings the instrument stores in its flash memory."""
 
@@ -88,12 +84,10 @@ _INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
 class CS2000Settings:
     """Hold the settings of a CS-2000, and answer the commands that ask or set them.
 
-    model, serial, firmware: as of CS2000Machine. optics: the optics, whose dial STSR reports.
-
-    remote: mode that RMTS has set, 0 while the keys work, 1 and 2 while the wire is obeyed.
-    flash_write_count: number of settings that were written to flash memory, which wears out.
-    has_first_firmware: whether this is the first firmware, which has fewer functions. speed: mode,
-    integration and filter of SPMS. sync: mode and frequency of SCMS.
+    remote: mode of RMTS, 0 while the keys work, 1 and 2 while the wire is obeyed.
+    flash_write_count: settings written to flash memory, which wears out. has_first_firmware: which
+    has fewer functions. speed: mode, integration and filter of SPMS. sync: mode and frequency of
+    SCMS.
     """
 
     def __init__(self, model: str, serial: str, firmware: str, optics: CS2000Optics) -> None:
@@ -113,21 +107,16 @@ class CS2000Settings:
 
     def command_handler(self, name: str) -> Command | None:
         """Return the handler of a command that asks or sets, or else None."""
-        work: Command | None
-        work = (
-            getattr(self, f"_{name.lower()}")
-            if name in _COMMANDS
-            else self._single_value_handler(name)
-        )
-        if work is None or name not in _INTO_FLASH:
-            return work
+        answer = self._answer(name)
+        if answer is not None:
+            return lambda given: "ER00" if given else f"OK00,{answer}"
+        if name in self.single_values:
+            return functools.partial(self._set_single_value, name)
+        return {"RMTS": self._rmts, "SCMS": self._scms, "SPMS": self._spms}.get(name)
 
-        def put(given: list[int]) -> str:
-            answer = work(given)
-            self.flash_write_count += answer == "OK00" and self.remote == 1
-            return answer
-
-        return put
+    def store(self, name: str) -> None:
+        """Count a setting that the instrument has made, if it stores this one in flash memory."""
+        self.flash_write_count += name in _INTO_FLASH and self.remote == 1
 
     def conditions(self, integration: float, nd: int) -> str:
         """Return the measuring conditions, in the text of the reply to MEDR."""
@@ -137,23 +126,37 @@ class CS2000Settings:
             f"{given['LNSS']},{given['NDFS']},{self._optics.angle},00"
         )
 
-    def _single_value_handler(self, name: str) -> Callable[[list[int]], str] | None:
-        """Return the handler of a command that sets or asks one of `single_values`, or None."""
-        asked = {"NDFR": "NDFS", "LNSR": "LNSS", "OBSR": "OBSS"}.get(name)
-        if asked:
-            return lambda given: "ER00" if given else f"OK00,{self.single_values[asked]}"
-        if name not in self.single_values:
-            return None
+    def _answer(self, name: str) -> str | None:
+        """Return the answer to a question, or None if the command is none."""
+        match name:
+            case "IDDR":
+                return f"{self._model:9},{2 if self._model == 'CS-2000A' else 1},{self._serial}"
+            case "STSR":
+                return str(self._optics.angle)
+            case "DTCR":
+                return "20240201,235607"
+            case "SCMR":
+                mode, frequency = self.sync
+                return f"{mode},{frequency:05d}" if mode == 1 else str(mode)
+            case "SPMR":
+                mode, seconds, nd = self.speed
+                texts = [str(mode)]
+                if mode >= 2:
+                    texts.append(f"{seconds:09d}" if mode == 3 else f"{seconds:02d}")
+                if mode == 3 or not self.has_first_firmware:
+                    texts.append(str(nd))
+                return ",".join(texts)
+            case "NDFR" | "LNSR" | "OBSR":
+                return str(self.single_values[f"{name[:3]}S"])
+        return None
 
-        def put(given: list[int]) -> str:
-            if len(given) != 1:
-                return "ER00"
-            if given[0] > (2 if name == "NDFS" else 1):
-                return "ER17"
-            self.single_values[name] = given[0]
-            return "OK00"
-
-        return put
+    def _set_single_value(self, name: str, given: list[int]) -> str:
+        if len(given) != 1:
+            return "ER00"
+        if given[0] > (2 if name == "NDFS" else 1):
+            return "ER17"
+        self.single_values[name] = given[0]
+        return "OK00"
 
     def _rmts(self, given: list[int]) -> str:
         if len(given) != 1:
@@ -163,16 +166,6 @@ class CS2000Settings:
         self.remote = given[0]
         return "OK00"
 
-    def _iddr(self, given: list[int]) -> str:
-        variation = 2 if self._model == "CS-2000A" else 1
-        return "ER00" if given else f"OK00,{self._model:9},{variation},{self._serial}"
-
-    def _stsr(self, given: list[int]) -> str:
-        return "ER00" if given else f"OK00,{self._optics.angle}"
-
-    def _dtcr(self, given: list[int]) -> str:
-        return "ER00" if given else "OK00,20240201,235607"
-
     def _scms(self, given: list[int]) -> str:
         if not given or len(given) != (2 if given[0] == 1 else 1):
             return "ER00" if not given or given[0] <= 2 else "ER17"
@@ -180,11 +173,6 @@ class CS2000Settings:
             return "ER17"
         self.sync = given[0], given[1] if given[0] == 1 else 0
         return "OK00"
-
-    def _scmr(self, given: list[int]) -> str:
-        mode, frequency = self.sync
-        tail = f",{frequency:05d}" if mode == 1 else ""
-        return "ER00" if given else f"OK00,{mode}{tail}"
 
     def _spms(self, given: list[int]) -> str:
         if not given:
@@ -204,12 +192,3 @@ class CS2000Settings:
             return "ER17"
         self.speed = mode, seconds, nd
         return "OK00"
-
-    def _spmr(self, given: list[int]) -> str:
-        mode, seconds, nd = self.speed
-        texts = [f"OK00,{mode}"]
-        if mode >= 2:
-            texts.append(f"{seconds:09d}" if mode == 3 else f"{seconds:02d}")
-        if mode == 3 or not self.has_first_firmware:
-            texts.append(str(nd))
-        return "ER00" if given else ",".join(texts)

@@ -43,8 +43,6 @@ class SerialMachine(Protocol):
 
         The time never decreases from call to call.
         """
-        ...
 
     def set_fault(self, kind: str | None) -> None:
         """Begin one of `own_faults`, or end all if `kind` is None."""
-        ...

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable
 
 from simulator.machines.machine import FaultyMachine, Reply
-from simulator.machines.turning_wheel import shorter_path
+from simulator.machines.usb_wheels import shorter_path
 
 _PROMPT = b"> "
 _NOT_DEFINED = b"Command error CMD_NOT_DEFINED\r"
@@ -22,9 +22,9 @@ _COMMAND = re.compile(rb"([a-z]+)(?:(\?)|=([0-9]+))")
 class ThorlabsWheelMachine(FaultyMachine):
     """Simulate a Thorlabs filter wheel: its commands and its turning.
 
-    slots: 6 or 12. firmware: "1.0", which has fewer commands and needs a line ">" before each of
-    them, or a later one such as "1.07". position: first slot in the light. step: seconds from a
-    slot to the next, slow and fast. on_slot: called with every slot that comes into the light.
+    slots: 6 or 12. firmware: "1.0", which has fewer commands and needs a line ">" before each, or a
+    later one such as "1.07". step: seconds from a slot to the next, slow and fast. on_slot: called
+    with every slot that comes into the light.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code")
@@ -42,16 +42,13 @@ class ThorlabsWheelMachine(FaultyMachine):
         if not 1 <= position <= slots:
             raise ValueError(f"position is {position}; the wheel has 1 to {slots}")
         super().__init__()
-        self.firmware = firmware
-        self._old = firmware == "1.0"
+        self.firmware, self._old = firmware, firmware == "1.0"
         self._state = {"pos": position, "pcount": slots, "trig": 0, "speed": 1}
         self._state |= {"sensors": 1, "baud": 1}
         self._saved = dict(self._state)
         self._step, self._turned = step, on_slot
-        self._switched_on = True
-        self._lead_line_received = False
-        self._line = bytearray()
-        self._input_buffer = bytearray()
+        self._switched_on, self._lead_line_received = True, False
+        self._line, self._input_buffer = bytearray(), bytearray()
         self._answer: tuple[float, bytes] | None = None
         self._hangs = False
         self._path: list[tuple[float, int]] = []
@@ -128,15 +125,12 @@ class ThorlabsWheelMachine(FaultyMachine):
             return b""
         found = _COMMAND.fullmatch(line)
         name = found[1].decode() if found else ""
-        if not found or name not in self._known_settings:
+        unknown = {"pcount", "speed", "sensors"} if self._old else set()
+        if not found or name not in set(self._state) - unknown:
             return _NOT_DEFINED
         if found[2]:
             return b"%d\r" % self._state[name]
         return self._set(name, int(found[3]), t)
-
-    @property
-    def _known_settings(self) -> set[str]:
-        return set(self._state) - ({"pcount", "speed", "sensors"} if self._old else set())
 
     def _set(self, name: str, value: int, t: float) -> bytes:
         count = self._state["pcount"]
@@ -144,15 +138,11 @@ class ThorlabsWheelMachine(FaultyMachine):
         if value not in legal:
             return _ARG_INVALID
         if name == "pos":
-            self._path = self._turn(value, t)
+            way = shorter_path(self.position, value, count)
+            seconds = self._step[self._state["speed"]]
+            self._path = [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]
         else:
             self._state[name] = value
         if name == "pcount" and self.position > value:
             self._state["pos"] = 1
         return b""
-
-    def _turn(self, goal: int, t: float) -> list[tuple[float, int]]:
-        """List (time, slot) along the shorter way to a slot."""
-        way = shorter_path(self.position, goal, self._state["pcount"])
-        seconds = self._step[self._state["speed"]]
-        return [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]

@@ -73,19 +73,15 @@ class UsbMachine(Protocol):
 
         The time never decreases from call to call. Raises UsbStall if the device refuses.
         """
-        ...
 
     def write(self, endpoint: int, data: bytes, t: float) -> list[InputReport]:
         """Give the instrument bytes at an endpoint, and return its reports.
 
         Raises UsbStall if it refuses them.
         """
-        ...
 
     def power_up(self, t: float) -> None:
         """Switch the instrument on at time t, with nothing stored from before."""
-        ...
 
     def set_fault(self, kind: str | None) -> None:
         """Begin one of `own_faults`, or end all if `kind` is None."""
-        ...

@@ -22,7 +22,7 @@ from optics.plane import Plane
 from simulator.filter_angles import some_angles
 from simulator.probing.sampled_frequencies import Gain, RadialProfile, SampledFrequencies
 from simulator.scene.disc import Disc
-from simulator.scene.merging import merge_pictures
+from simulator.scene.polygons import merge_pictures
 from simulator.scene.target import Layer, Target
 
 

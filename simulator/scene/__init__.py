@@ -5,12 +5,10 @@ from simulator.scene.cube import Cube
 from simulator.scene.disc import Pinhole, Star
 from simulator.scene.display import Display, display_primaries
 from simulator.scene.drawable import Drawable, UniformLight
-from simulator.scene.flat import Flat
-from simulator.scene.photograph import PhotographPrint
+from simulator.scene.framed import PhotographPrint
 from simulator.scene.relief import Relief, distances_of
-from simulator.scene.scene import Dark, Scene
 from simulator.scene.sheets import Sheet, Sheets
-from simulator.scene.target import Layer, Part, Target
+from simulator.scene.target import Dark, Flat, Layer, Part, Scene, Target
 
 __all__ = [
     "Cube",

@@ -22,11 +22,8 @@ def primaries() -> Basis:
     """
     blue, green, red = 450e-9, 540e-9, 610e-9
     nodes = (SHORTEST_WAVELENGTH, blue, green, red, LONGEST_WAVELENGTH)
-    return (
-        Spectrum(nodes, (0, 0, 0, 1, 1)),
-        Spectrum(nodes, (0, 0, 1, 0, 0)),
-        Spectrum(nodes, (1, 1, 0, 0, 0)),
-    )
+    of_red, of_green, of_blue = (0, 0, 0, 1, 1), (0, 0, 1, 0, 0), (1, 1, 0, 0, 0)
+    return Spectrum(nodes, of_red), Spectrum(nodes, of_green), Spectrum(nodes, of_blue)
 
 
 def basis_of(red: Spectrum, green: Spectrum, blue: Spectrum) -> Basis:
@@ -60,11 +57,8 @@ def basis_of(red: Spectrum, green: Spectrum, blue: Spectrum) -> Basis:
             raise ValueError(
                 f"the basis adds up to {total.max():g} at some wavelength; white reflects 1 at most"
             )
-    return (
-        extend_to_silicon_range(red),
-        extend_to_silicon_range(green),
-        extend_to_silicon_range(blue),
-    )
+    red, green, blue = map(extend_to_silicon_range, (red, green, blue))
+    return red, green, blue
 
 
 def extend_to_silicon_range(table: Spectrum) -> Spectrum:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from optics.light.spectrum import Spectrum
 from simulator.scene.colours import extend_to_silicon_range
 from simulator.scene.framed import FramedPicture, require_image
+from simulator.scene.target import Layer
 
 
 def factorise_spectra(
@@ -19,10 +20,9 @@ def factorise_spectra(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Factorise spectra (n, bands) into weights (n, rank) and a basis (rank, bands).
 
-    samples: not negative. tol: relative error in the L2 norm over all samples. The first basis
-    spectrum is the mean. The others are the singular vectors of the residual; to each of them the
-    mean is added until it is nowhere negative, because a spectrum must not be negative. Weights
-    may be negative.
+    samples: not negative. tol: relative error in the L2 norm. The first basis spectrum is the mean.
+    The others are singular vectors of the residual, to which the mean is added until they are
+    nowhere negative. Weights may be negative.
     """
     mean = samples.mean(axis=0)
     if not mean.any():
@@ -56,13 +56,10 @@ class Cube(FramedPicture):
         Reflectances, shape (rows, columns, bands), 0 or more, 1 = white.
     wavelengths : tuple of float
         Wavelengths of the bands, ascending, metres.
-    distance : float
-        Distance from the panel in metres, positive.
-    radiance : float
-        Spectral radiance of white, W / (sr m² m), not negative.
+    distance, radiance : float
+        Metres from the panel, positive; spectral radiance of white, W / (sr m² m), not negative.
     tol : float, default 5e-3
-        Relative error with which the pixels' spectra are replaced by mixtures of fewer spectra,
-        from 0 to below 1.
+        Relative error, 0 to below 1, of replacing the spectra by mixtures of fewer ones.
     light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     cover, height, offset, side : optional
@@ -71,8 +68,7 @@ class Cube(FramedPicture):
     Raises
     ------
     ValueError
-        If the image has no three axes, isn't finite or is negative, if the number of wavelengths
-        isn't that of its bands, or if `tol` is outside its range.
+        For an image, wavelengths or `tol` other than these.
     """
 
     image: torch.Tensor
@@ -98,14 +94,10 @@ class Cube(FramedPicture):
         Spectrum(self.wavelengths, (0.0,) * len(self.wavelengths))
 
     @cached_property
-    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+    def layers(self) -> tuple[Layer, ...]:
         samples = self.image.reshape(-1, self.image.shape[2]).numpy().astype(np.float64)
         weights, basis = factorise_spectra(samples, self.tol)
-        pictures = weights.T.reshape(-1, *self.shape).astype(np.float32)
-        return tuple(
-            (
-                extend_to_silicon_range(Spectrum(self.wavelengths, tuple(one))),
-                torch.from_numpy(picture),
-            )
-            for one, picture in zip(basis, pictures, strict=True)
-        )
+        pictures = map(torch.from_numpy, weights.T.reshape(-1, *self.shape).astype(np.float32))
+        spectra = (Spectrum(self.wavelengths, tuple(one)) for one in basis)
+        painted = zip(map(extend_to_silicon_range, spectra), pictures, strict=True)
+        return (self.painted_layer(self.distance, painted),)

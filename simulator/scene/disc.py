@@ -57,7 +57,8 @@ class Disc(Drawable):
         The spectrum of a disc that reaches beyond the plane is computed from samples.
         """
         size, y, x = self._diameter_and_centre(magnification, shift)
-        if not _holds(plane, y, x, size / 2):
+        halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
+        if any(abs(p) + size / 2 > half for p, half in zip((y, x), halves, strict=True)):
             return super().spectrum(plane, magnification, shift)
         samples = math.pi * size**2 / 4 / (plane.pitch[0] * plane.pitch[1])
         spectrum = spectrum_of_disc(plane, size, samples)
@@ -75,27 +76,18 @@ class Disc(Drawable):
         return self.diameter * magnification, y, x
 
 
-def _holds(plane: Plane, y: float, x: float, reach: float) -> bool:
-    """Return whether a plane on the axis holds a disc of radius `reach` around (y, x)."""
-    halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
-    return all(abs(p) + reach <= half for p, half in zip((y, x), halves, strict=True))
-
-
 @dataclass(frozen=True)
 class Star(Target):
     """Artificial star: an illuminated pinhole (thesis §3.4).
 
     Parameters
     ----------
-    diameter : float
-        Diameter of the pinhole in metres, positive.
-    distance : float
-        Distance from the panel in metres, positive.
+    diameter, distance : float
+        Of the pinhole, and from the panel, in metres, positive.
     radiance : float
         Spectral radiance of the pinhole, W / (sr m² m), not negative.
     offset : tuple of float, default (0.0, 0.0)
-        Position (y, x) of the pinhole relative to the axis, metres on the object. The target
-        appears upright in the picture, with y down the rows.
+        Position (y, x) of the pinhole, metres on the object. The target appears upright.
     light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
 
@@ -116,11 +108,8 @@ class Star(Target):
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        return (
-            Layer(
-                self.distance, (Part(self.reflected_radiance(), Disc(self.diameter, self.offset)),)
-            ),
-        )
+        disc = Disc(self.diameter, self.offset)
+        return (Layer(self.distance, (Part(self.reflected_radiance(), disc),)),)
 
 
 @dataclass(frozen=True)
@@ -129,16 +118,10 @@ class Pinhole(Star):
 
     Parameters
     ----------
-    diameter : float, default 1e-3
-        Diameter of the pinhole in metres, positive.
-    distance : float, default 2.0
-        Distance from the panel in metres, positive.
-    radiance : float, default 1e9
-        Spectral radiance of the pinhole, W / (sr m² m), not negative.
-    offset : tuple of float, default (0.0, 0.0)
-        Position (y, x) of the pinhole relative to the axis, metres on the object.
-    light, lamp, velocity, polarisation_angle, speckle, name : optional
-        See `Target`.
+    diameter, distance, radiance : float, default 1e-3, 2.0, 1e9
+        See `Star`.
+    offset, light, lamp, velocity, polarisation_angle, speckle, name : optional
+        See `Star`.
     """
 
     diameter: float = 1e-3

@@ -17,8 +17,8 @@ from optics.plane import Plane
 from optics.validation import require_positive
 from simulator.scene.colours import Basis
 from simulator.scene.drawable import STILL, Drawable, Shift
-from simulator.scene.photograph import require_colours
-from simulator.scene.pixel_picture import edges, window_matrix
+from simulator.scene.framed import require_colours
+from simulator.scene.pixel_picture import along_both_axes, edges, window_matrix
 from simulator.scene.target import Layer, Part, Target
 
 PEAKS: Sequence[tuple[float, float]] = ((610e-9, 35e-9), (540e-9, 40e-9), (455e-9, 22e-9))
@@ -72,25 +72,18 @@ class Windows(Drawable):
         side = self.pitch * magnification
         if side == 0:
             return torch.zeros(plane.shape)
-        windows = (self.rows, self.columns)
-        down, across = (
-            window_matrix(
-                self.image.shape[axis],
-                side,
-                shift[axis] * magnification,
-                windows[axis],
-                edges(plane, axis),
+        matrices = [
+            window_matrix(n, side, moved * magnification, window, edges(plane, axis))
+            for axis, n, moved, window in zip(
+                (0, 1), self.image.shape, shift, (self.rows, self.columns), strict=True
             )
-            for axis in (0, 1)
-        )
-        values = self.image.to(torch.float32).numpy()
-        return torch.from_numpy(np.ascontiguousarray((across @ (down @ values).T).T))
+        ]
+        return along_both_axes(self.image, *matrices)
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the Fourier spectrum, computed window by window.
+        """Return the Fourier spectrum, computed window by window, without those beyond the plane.
 
-        The harmonics of the pixel grid fall too slowly for sampling to resolve them. Windows
-        beyond the plane are left out.
+        The harmonics of the pixel grid fall too slowly for sampling to resolve them.
         """
         side, (rows, columns) = self.pitch * magnification, plane.shape
         if side == 0:
@@ -135,10 +128,8 @@ class Display(Target):
     ----------
     image : torch.Tensor
         Linear red, green and blue of the pixels, shape (rows, columns, 3), 0 to 1.
-    pitch : float
-        Pitch of the pixels in metres, positive.
-    distance : float
-        Distance from the panel in metres, positive.
+    pitch, distance : float
+        Pitch of the pixels, and distance from the panel, in metres, positive.
     radiance : float
         Spectral radiance of a stripe that is fully on, at the peak of its primary, W / (sr m² m).
     primaries : tuple of Spectrum
@@ -181,16 +172,9 @@ class Display(Target):
     def layers(self) -> tuple[Layer, ...]:
         margin = (1 - self.fill) / 2
         rows = (margin, 1 - margin)
-        parts = tuple(
-            Part(
-                spectrum.with_scale(self.radiance),
-                Windows(
-                    self.image[..., k].contiguous(),
-                    self.pitch,
-                    rows,
-                    ((k + margin) / 3, (k + 1 - margin) / 3),
-                ),
-            )
-            for k, spectrum in enumerate(self.primaries)
-        )
-        return (Layer(self.distance, parts),)
+        parts = []
+        for k, spectrum in enumerate(self.primaries):
+            columns = (k + margin) / 3, (k + 1 - margin) / 3
+            stripes = Windows(self.image[..., k].contiguous(), self.pitch, rows, columns)
+            parts.append(Part(spectrum.with_scale(self.radiance), stripes))
+        return (Layer(self.distance, tuple(parts)),)

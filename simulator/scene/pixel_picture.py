@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -16,10 +16,10 @@ from optics.plane import Plane
 from optics.validation import require_finite
 from simulator.scene.drawable import STILL, Drawable, Shift
 
+Matrix: TypeAlias = "sparse.csr_array[Any, Any]"
 
-def averaging_matrix(
-    pixels: int, side: float, middle: float, edges: NDArray[np.float64]
-) -> sparse.csr_array[Any, Any]:
+
+def averaging_matrix(pixels: int, side: float, middle: float, edges: NDArray[np.float64]) -> Matrix:
     """Return the matrix (cells, pixels) that averages interpolated pixels over cells.
 
     The matrix is for one axis, in float32. The values are linear between the middles of the pixels
@@ -50,17 +50,12 @@ def averaging_matrix(
 
 
 def window_matrix(
-    pixels: int,
-    side: float,
-    middle: float,
-    window: tuple[float, float],
-    edges: NDArray[np.float64],
-) -> sparse.csr_array[Any, Any]:
-    """Return the matrix (cells, pixels) of how much of each cell a pixel's window lights.
+    pixels: int, side: float, middle: float, window: tuple[float, float], edges: NDArray[np.float64]
+) -> Matrix:
+    """Return the matrix (cells, pixels) of the share of each cell that a pixel's window lights.
 
-    An element is the share of the cell that the pixel's window lights. The matrix is for one axis
-    of a display, in float32. window: its beginning and end within the pixel, in sides of a pixel.
-    The other parameters are those of `averaging_matrix`.
+    It is for one axis of a display. window: its beginning and end within the pixel, in sides of a
+    pixel. The other parameters are those of `averaging_matrix`.
     """
     start = (np.arange(pixels) + window[0]) * side + middle - pixels * side / 2
     end = start + (window[1] - window[0]) * side
@@ -70,9 +65,8 @@ def window_matrix(
     cell = first[:, None] + np.arange(most)
     seen = (cell >= 0) & (cell < shape[0])
     inside = np.clip(cell, 0, shape[0] - 1)
-    overlap = np.minimum(edges[inside + 1], end[:, None]) - np.maximum(
-        edges[inside], start[:, None]
-    )
+    begins, ends = np.maximum(edges[inside], start[:, None]), edges[inside + 1]
+    overlap = np.minimum(ends, end[:, None]) - begins
     share = np.where(seen, np.maximum(overlap, 0), 0.0) / np.diff(edges)[inside]
     pixel = np.broadcast_to(np.arange(pixels)[:, None], cell.shape)
     lit = share > 0
@@ -84,8 +78,8 @@ def window_matrix(
 class PixelPicture(Drawable):
     """Picture of pixels with values 0 to 1, interpolated linearly, and dark around its edges.
 
-    image: (rows, columns). side: of its pixels, metres on the object; with `on_sensor`, metres on
-    the sensor at any distance. offset: (y, x) metres on the object from the axis to the picture's
+    image: (rows, columns). side: of its pixels, metres on the object; with `on_sensor`, on the
+    sensor at any distance. offset: (y, x) metres on the object from the axis to the picture's
     middle.
     """
 
@@ -108,8 +102,20 @@ class PixelPicture(Drawable):
         """Return the bytes that the pixels take in memory."""
         return self.image.numel() * self.image.element_size()
 
+    @property
+    def grid(self) -> tuple[object, ...]:
+        """Return what pictures have in common that can be added pixel by pixel."""
+        return tuple(self.image.shape), self.side, self.offset, self.on_sensor
+
+    def _side_on_sensor(self, magnification: float) -> float:
+        return self.side if self.on_sensor else self.side * magnification
+
     def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
-        y, x = (self._half(axis, magnification, shift) for axis in (0, 1))
+        side = self._side_on_sensor(magnification)
+        y, x = (
+            abs(offset + moved) * magnification + (n + 1) * side / 2
+            for offset, moved, n in zip(self.offset, shift, self.image.shape, strict=True)
+        )
         return y, x
 
     def spectral_decay(self, magnification: float, frequency: float) -> int:
@@ -118,34 +124,30 @@ class PixelPicture(Drawable):
         Because of the linear interpolation it is 2 at frequencies beyond those that the pixels
         resolve, unless the picture has light at its rim, where it ends abruptly.
         """
-        side = self.side if self.on_sensor else self.side * magnification
+        side = self._side_on_sensor(magnification)
         return 2 if side * frequency >= 0.35 and not self._ends_in_light else 1
 
     @cached_property
     def _ends_in_light(self) -> bool:
         return any(bool(end.any()) for end in (*self.image[[0, -1]], *self.image.mT[[0, -1]]))
 
-    def _half(self, axis: int, magnification: float, shift: Shift) -> float:
-        """Return the largest distance of light from the axis along y or x of the sensor, metres."""
-        side = self.side if self.on_sensor else self.side * magnification
-        aside = abs(self.offset[axis] + shift[axis]) * magnification
-        return aside + (self.image.shape[axis] + 1) * side / 2
-
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        side = self.side if self.on_sensor else self.side * magnification
+        side = self._side_on_sensor(magnification)
         if side == 0:
             return torch.zeros(plane.shape)
-        along = [
-            averaging_matrix(
-                self.image.shape[axis],
-                side,
-                (self.offset[axis] + shift[axis]) * magnification,
-                edges(plane, axis),
+        matrices = [
+            averaging_matrix(n, side, (offset + moved) * magnification, edges(plane, axis))
+            for axis, n, offset, moved in zip(
+                (0, 1), self.image.shape, self.offset, shift, strict=True
             )
-            for axis in (0, 1)
         ]
-        values = self.image.to(torch.float32).numpy()
-        return torch.from_numpy(np.ascontiguousarray((along[1] @ (along[0] @ values).T).T))
+        return along_both_axes(self.image, *matrices)
+
+
+def along_both_axes(image: torch.Tensor, down: Matrix, across: Matrix) -> torch.Tensor:
+    """Multiply a picture by matrices (cells, pixels) along its columns and rows, float32."""
+    values = image.to(torch.float32).numpy()
+    return torch.from_numpy(np.ascontiguousarray((across @ (down @ values).T).T))
 
 
 def edges(plane: Plane, axis: int) -> NDArray[np.float64]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from optics.plane import Plane
 from optics.validation import require_positive
 from simulator.scene.drawable import STILL, Drawable, Shift
+from simulator.scene.pixel_picture import PixelPicture
 
 Corners = tuple[tuple[float, float], ...]
 """Corners (y, x) in metres on the object, clockwise or not; the last is joined to the first."""
@@ -62,9 +63,9 @@ def polygon_coverage(
 ) -> NDArray[np.float32]:
     """Return the weighted share of each cell that polygons cover, plus `ground`.
 
-    polygons: (corners, 2), y and x in metres on the plane. Each edge adds, to the cells that it
-    crosses, the exact area to its right; cumulative sums along the rows then fill the polygons.
-    Renderers of fonts work in this way, for example R. Levien's font-rs.
+    polygons: (corners, 2), y and x in metres. Each edge adds, to the cells that it crosses, the
+    exact area to its right; cumulative sums along the rows then fill the polygons, as in R.
+    Levien's font-rs.
     """
     if not polygons:
         return np.full(plane.shape, ground, dtype=np.float32)
@@ -145,6 +146,38 @@ def _cut(
     return edge[order], t[order]
 
 
+WeightedPicture = tuple[Drawable, float]
+"""A picture and the weight of its values."""
+
+
+def merge_pictures(pictures: Iterable[WeightedPicture]) -> list[WeightedPicture]:
+    """Merge pictures into fewer with the same weighted sum, without those of weight 0."""
+    kinds: dict[object, list[WeightedPicture]] = {}
+    for number, (picture, weight) in enumerate(pictures):
+        kind: object = number
+        if isinstance(picture, PixelPicture):
+            kind = picture.grid
+        elif isinstance(picture, Polygons):
+            kind = picture.corners
+        if weight:
+            kinds.setdefault(kind, []).append((picture, weight))
+    return [_one(alike) for alike in kinds.values()]
+
+
+def _one(alike: Sequence[WeightedPicture]) -> WeightedPicture:
+    """Merge pictures of one kind into one picture and its weight."""
+    first, weight = alike[0]
+    if len(alike) == 1:
+        return first, weight
+    if isinstance(first, PixelPicture):
+        image = sum(p.image * w for p, w in alike if isinstance(p, PixelPicture))
+        return replace(first, image=image), 1.0  # type: ignore[arg-type]
+    assert isinstance(first, Polygons)
+    both = [(p, w) for p, w in alike if isinstance(p, Polygons)]
+    values = tuple(sum(p.values[k] * w for p, w in both) for k in range(len(first.values)))
+    return Polygons(first.corners, values, sum(p.ground * w for p, w in both)), 1.0
+
+
 def rectangle(
     centre: tuple[float, float], size: tuple[float, float], angle: float = 0.0
 ) -> Corners:
@@ -154,14 +187,11 @@ def rectangle(
     """
     cos, sin = math.cos(angle), math.sin(angle)
     half_y, half_x = size[0] / 2, size[1] / 2
-    signs = ((-1, -1), (-1, 1), (1, 1), (1, -1))
-    return tuple(
-        (
-            centre[0] + sy * half_y * cos + sx * half_x * sin,
-            centre[1] + sx * half_x * cos - sy * half_y * sin,
-        )
-        for sy, sx in signs
-    )
+    corners = []
+    for sy, sx in ((-1, -1), (-1, 1), (1, 1), (1, -1)):
+        y = centre[0] + sy * half_y * cos + sx * half_x * sin
+        corners.append((y, centre[1] + sx * half_x * cos - sy * half_y * sin))
+    return tuple(corners)
 
 
 def brick(
@@ -183,13 +213,8 @@ def brick(
     (height, width), (y, x) = size, offset
     body = rectangle(offset, size)
     foot = rectangle((y + height * (1 - foot_share) / 2, x), (height * foot_share, width))
-    cell = width / studs
-    tops = tuple(
-        rectangle(
-            (y - height * (1 + stud_height) / 2, x + (k - (studs - 1) / 2) * cell),
-            (height * stud_height, cell * stud_width),
-        )
-        for k in range(studs)
-    )
+    cell, top = width / studs, y - height * (1 + stud_height) / 2
+    places = [(top, x + (k - (studs - 1) / 2) * cell) for k in range(studs)]
+    tops = [rectangle(one, (height * stud_height, cell * stud_width)) for one in places]
     tones = (1.0, foot_tone - 1, *[stud_tone] * studs)
     return Polygons((body, foot, *tops), tones), Polygons((body, *tops), (1.0,) * (1 + studs))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,12 +10,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from optics.light.spectrum import Spectrum
 from optics.validation import require_positive
 from simulator.scene.colours import Basis, primaries
-from simulator.scene.framed import FramedPicture
-from simulator.scene.photograph import require_colours
-from simulator.scene.target import Layer, Part
+from simulator.scene.framed import FramedPicture, colour_planes, require_colours
+from simulator.scene.target import Layer
 
 
 def distances_of(
@@ -29,10 +27,8 @@ def distances_of(
     ----------
     disparity : ndarray
         Disparity in pixels, of any shape; NaN where it is unknown.
-    baseline : float
-        Distance between the cameras in metres, positive.
-    focal : float
-        Focal length in pixels, positive.
+    baseline, focal : float
+        Distance between the cameras in metres, and focal length in pixels, positive.
     offset : float, default 0.0
         Number of pixels that is added to the disparity.
 
@@ -44,8 +40,7 @@ def distances_of(
     Raises
     ------
     ValueError
-        If a disparity with its offset isn't positive, so that the object isn't in front of the
-        cameras.
+        If a disparity with its offset isn't positive: the object isn't before the cameras.
     """
     require_positive("baseline", baseline, "m")
     require_positive("focal", focal, "pixels")
@@ -76,8 +71,8 @@ class Relief(FramedPicture):
         Spectral radiance of white, W / (sr m² m), not negative.
     levels : int, default 8
         Number of depth layers, 1 to 64, at even steps of the inverse distance.
-    basis : tuple of Spectrum, default primaries()
-        Reflectances of red, green and blue.
+    basis : tuple of Spectrum, optional
+        See `PhotographPrint`.
     light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     cover, height, offset, side : optional
@@ -86,8 +81,7 @@ class Relief(FramedPicture):
     Raises
     ------
     ValueError
-        If the image isn't a finite colour picture, `depths` has another shape or values that
-        aren't positive and finite, or `levels` is outside its range.
+        For an image, `depths` or `levels` other than these.
     """
 
     image: torch.Tensor
@@ -111,15 +105,13 @@ class Relief(FramedPicture):
         object.__setattr__(self, "distance", float(known.min()))
         super().__post_init__()
 
-    @property
-    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        """Return the reflectances and pictures, without the distances."""
-        colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))
-        return tuple(zip(self.basis, colours, strict=True))
-
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        owner, distances = _assign_layers(_fill_unknown_depths(self.depths.numpy()), self.levels)
+        depths = self.depths.numpy()
+        known = ~np.isnan(depths)
+        if not known.all():
+            depths = depths[_nearest(known)]
+        owner, distances = _assign_layers(depths, self.levels)
         colours = self.image.to(torch.float32).numpy()
         shown = [np.where((owner == k)[..., None], colours, 0) for k in range(len(distances))]
         covers = [(owner == k).astype(np.float32) for k in range(len(distances))]
@@ -132,31 +124,18 @@ class Relief(FramedPicture):
                 filled = near & (behind == far) & (covers[far] == 0)
                 covers[far][filled] = 1
                 shown[far][filled] = colours[where][filled]
-        return tuple(
-            self._layer(distance, picture, cover)
-            for distance, picture, cover in zip(distances, shown, covers, strict=True)
-        )
-
-    def _layer(
-        self, distance: float, picture: NDArray[np.float32], cover: NDArray[np.float32]
-    ) -> Layer:
-        planes = (torch.from_numpy(np.ascontiguousarray(picture[..., k])) for k in range(3))
-        parts = tuple(
-            Part(self.reflected_radiance(reflectance), self.place_image(plane))
-            for reflectance, plane in zip(self.basis, planes, strict=True)
-        )
-        return Layer(distance, parts, self.place_image(torch.from_numpy(cover)))
+        found = []
+        for distance, picture, cover in zip(distances, shown, covers, strict=True):
+            planes = colour_planes(self.basis, torch.from_numpy(picture))
+            hidden = self.place_image(torch.from_numpy(cover))
+            found.append(replace(self.painted_layer(distance, planes), cover=hidden))
+        return tuple(found)
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return row and column of the nearest pixel in a mask, for each pixel."""
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return rows, columns
-
-
-def _fill_unknown_depths(depths: NDArray[np.floating]) -> NDArray[np.floating]:
-    known = ~np.isnan(depths)
-    return depths if known.all() else depths[_nearest(known)]
 
 
 def _assign_layers(

@@ -76,14 +76,8 @@ class Sheets(Target):
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        return tuple(
-            Layer(
-                sheet.distance,
-                tuple(
-                    Part(self.reflected_radiance(paint), picture)
-                    for paint, picture in sheet.pictures
-                ),
-                sheet.cover,
-            )
-            for sheet in self.sheets
-        )
+        found = []
+        for sheet in self.sheets:
+            parts = [Part(self.reflected_radiance(paint), one) for paint, one in sheet.pictures]
+            found.append(Layer(sheet.distance, tuple(parts), sheet.cover))
+        return tuple(found)

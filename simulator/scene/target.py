@@ -1,22 +1,18 @@
-"""Layers at distances, made of parts with a spectrum and a picture: what a target consists of."""
+"""Scenes: targets by name, of layers at distances, of parts with a spectrum and a picture."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 
 from optics.camera import Camera
 from optics.light.spectrum import Spectrum
 from optics.light.waveform import Waveform
 from optics.speckle import RoughSurface
-from simulator.scene.drawable import Drawable
-
-
-def require_radiance(radiance: float) -> None:
-    """Raise ValueError if a radiance is negative or not finite."""
-    if not 0 <= radiance < math.inf:
-        raise ValueError(f"radiance is {radiance:g} W/(sr m² m); it must be finite, not negative")
+from simulator.scene.drawable import Drawable, UniformLight
 
 
 def require_distance(distance: float) -> None:
@@ -106,7 +102,10 @@ class Target(_Stands):
 
     def __post_init__(self) -> None:
         require_distance(self.distance)
-        require_radiance(self.radiance)
+        if not 0 <= self.radiance < math.inf:
+            raise ValueError(
+                f"radiance is {self.radiance:g} W/(sr m² m); it must be finite, not negative"
+            )
         if not all(math.isfinite(part) for part in self.velocity):
             raise ValueError(f"velocity is {self.velocity} m/s; it must be finite in each axis")
         if self.polarisation_angle is not None and not math.isfinite(self.polarisation_angle):
@@ -124,10 +123,9 @@ class Target(_Stands):
         return any(self.velocity)
 
     def for_camera(self, camera: Camera) -> Target:
-        """Return this target with a size that follows from the camera's frame.
+        """Return this target with a size that follows from the camera's frame, or itself.
 
-        A target that has a size of its own returns itself. The same frame gives the same object
-        again.
+        The same frame gives the same object again.
         """
         return self
 
@@ -135,3 +133,68 @@ class Target(_Stands):
         """Return the radiance of a matt surface (white by default) in this target's light."""
         lamp = (self.light or Spectrum.flat(1.0)).with_scale(self.radiance)
         return lamp if reflectance is None else lamp.times(reflectance)
+
+
+@dataclass(frozen=True)
+class Flat(Target):
+    """Evenly lit field: a diffuser that fills more than the frame.
+
+    Parameters
+    ----------
+    distance : float
+        Distance from the panel in metres, positive. The blur, which has no effect on an even field,
+        is rendered: it is smallest in focus.
+    radiance : float
+        Spectral radiance, W / (sr m² m), not negative.
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
+        See `Target`.
+    """
+
+    distance: float
+    radiance: float
+
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        return (Layer(self.distance, (Part(self.reflected_radiance(), UniformLight()),)),)
+
+
+@dataclass(frozen=True)
+class Dark(Target):
+    """Target without any light: the lamp is off.
+
+    Parameters
+    ----------
+    distance, radiance : float, default 2.0, 0.0
+        Metres from the panel, positive, and W / (sr m² m); they have no effect on the picture.
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
+        See `Target`.
+    """
+
+    distance: float = 2.0
+    radiance: float = 0.0
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        return (Layer(self.distance, ()),)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Set of named targets, of which one stands before the camera at a time.
+
+    Parameters
+    ----------
+    targets : mapping of str to Target, default a dark target
+        The targets by name, at least one.
+
+    Raises
+    ------
+    ValueError
+        If there is no target.
+    """
+
+    targets: Mapping[str, Target] = field(default_factory=lambda: {"dark": Dark()})
+
+    def __post_init__(self) -> None:
+        if not self.targets:
+            raise ValueError("targets is empty; a scene needs at least one")

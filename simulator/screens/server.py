@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,11 @@ class Entry:
     kind: bytes
     data: bytes
 
+    @property
+    def whom(self) -> tuple[int, bytes, bytes]:
+        """Return whom the entry is for."""
+        return self.family, self.address, self.number
+
     def encode(self) -> bytes:
         """Return the entry as bytes, each text after its length."""
         texts = (self.address, self.number, self.kind, self.data)
@@ -101,7 +107,7 @@ def published_cookie(display: str, cookie: bytes) -> Iterator[None]:
     """
     number = display.partition(":")[2].encode()
     entry = Entry(_LOCAL, socket.gethostname().encode(), number, _NAME, cookie)
-    _change(remove_address_of=entry, add=entry)
+    _change(put=entry)
     try:
         yield
     finally:
@@ -132,34 +138,22 @@ def read_entries(data: bytes) -> tuple[list[Entry], bytes]:
     return entries, bytes(rest)
 
 
-def _change(
-    *, remove_address_of: Entry | None = None, remove: Entry | None = None, add: Entry | None = None
-) -> None:
-    """Change the user's authority file: remove an entry, or all of its address, or add one.
+def _change(*, remove: Entry | None = None, put: Entry | None = None) -> None:
+    """Change the user's authority file: remove an entry, or put one in place of its address'.
 
     Raises OSError if the file can't be written.
     """
     file = authority_file().resolve()
     with _hold_lock(file):
         found, rest = read_entries(file.read_bytes() if file.exists() else b"")
-        kept = [
-            entry
-            for entry in found
-            if entry != remove
-            and not (remove_address_of and _address(entry) == _address(remove_address_of))
-        ]
-        if add is not None:
-            kept.append(add)
+        kept = [one for one in found if one != remove and not (put and one.whom == put.whom)]
+        if put is not None:
+            kept.append(put)
         new = file.with_name(f"{file.name}-n")
         handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
         with os.fdopen(handle, "wb") as written:
             written.write(b"".join(entry.encode() for entry in kept) + rest)
         new.replace(file)
-
-
-def _address(entry: Entry) -> tuple[int, bytes, bytes]:
-    """Return whom an entry is for."""
-    return entry.family, entry.address, entry.number
 
 
 @contextmanager
@@ -193,21 +187,14 @@ def _take(made: Path, lock: Path) -> bool:
     return True
 
 
-@dataclass(frozen=True)
-class XServerSettings:
-    """Limit how long X servers and X's tools may take.
+_MUTE: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
 
-    tool_timeout: within which a tool must answer, also on a busy computer, seconds. Chosen.
-    start_timeout: within which a server must be up, and a program must end, seconds. Chosen.
-    start_tries: most times that a server is started. Chosen.
-    """
+_TOOL_TIMEOUT = 60.0
+"""Seconds within which one of X's tools must answer, also on a busy computer. Chosen."""
 
-    tool_timeout: float = 60.0
-    start_timeout: float = 30.0
-    start_tries: int = 3
-
-
-SETTINGS = XServerSettings()
+_START_TIMEOUT, _START_TRIES = 30.0, 3
+"""Seconds within which a server must be up, and a program must end; and most times that a server is
+started. Chosen."""
 
 
 class NoXServer(OSError):
@@ -233,16 +220,10 @@ class XServer:
 
         Raises OSError if the tool isn't installed, and subprocess.SubprocessError if it fails.
         """
-        done = subprocess.run(
-            command,
-            input=stdin,
-            env=self._environment(),
-            capture_output=True,
-            text=True,
-            timeout=SETTINGS.tool_timeout,
-            check=True,
-        )
-        return done.stdout
+        return subprocess.run(
+            command, input=stdin, env={**os.environ, "DISPLAY": self.display}, check=True,
+            capture_output=True, text=True, timeout=_TOOL_TIMEOUT,
+        ).stdout  # fmt: skip
 
     def xrandr(self, words: str) -> str:
         """Run xrandr with these arguments and return what it prints."""
@@ -254,11 +235,9 @@ class XServer:
         Raises OSError if xwd isn't installed, or returns no picture.
         """
         command = ["xwd", "-display", self.display, "-root", "-silent"]
-        late = time.monotonic() + SETTINGS.tool_timeout
+        late = time.monotonic() + _TOOL_TIMEOUT
         while time.monotonic() < late:
-            done = subprocess.run(
-                command, capture_output=True, timeout=SETTINGS.tool_timeout, check=False
-            )
+            done = subprocess.run(command, capture_output=True, timeout=_TOOL_TIMEOUT, check=False)
             if done.stdout:  # xwd fails if a window closes meanwhile: try again
                 return pixels_of(done.stdout)
         raise OSError(f"xwd sees nothing on {self.display}: {done.stderr.decode()!r}")
@@ -266,21 +245,11 @@ class XServer:
     @contextmanager
     def program(self, *command: str) -> Iterator[subprocess.Popen[bytes]]:
         """Run a program on the display while the block lasts."""
-        process = subprocess.Popen(
-            command,
-            env=self._environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+        process = subprocess.Popen(command, env={**os.environ, "DISPLAY": self.display}, **_MUTE)
         try:
             yield process
         finally:
-            terminate_or_kill(process, SETTINGS.start_timeout)
-
-    def _environment(self) -> dict[str, str]:
-        """Return the environment variables with which a program finds the display."""
-        return {**os.environ, "DISPLAY": self.display}
+            terminate_or_kill(process, _START_TIMEOUT)
 
 
 @contextmanager
@@ -306,11 +275,16 @@ def running_server(command: list[str]) -> Iterator[XServer]:
     """
     with server_cookie(Path(tempfile.gettempdir())) as (file, cookie):
         server, number = _start_server([*command, "-auth", str(file)])
-        try:
-            with _publish_cookie(f":{number}", cookie):
-                yield XServer(f":{number}", server.pid)
-        finally:
-            terminate_or_kill(server, SETTINGS.start_timeout)
+        with ExitStack() as stack:
+            stack.callback(terminate_or_kill, server, _START_TIMEOUT)
+            try:
+                stack.enter_context(published_cookie(f":{number}", cookie))
+            except OSError as error:
+                raise NoXServer(
+                    f"its cookie can't be kept in {authority_file()}: {error.strerror}. Let "
+                    "XAUTHORITY name a file that you may write"
+                ) from error
+            yield XServer(f":{number}", server.pid)
 
 
 def _start_server(command: list[str]) -> tuple[subprocess.Popen[bytes], str]:
@@ -322,7 +296,7 @@ def _start_server(command: list[str]) -> tuple[subprocess.Popen[bytes], str]:
     # setpriv lets the kernel end the server when this process, or the thread that starts the
     # block, ends.
     guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
-    for _ in range(SETTINGS.start_tries):
+    for _ in range(_START_TRIES):
         reading, writing = os.pipe()
         with os.fdopen(reading) as told:
             options = ["-displayfd", str(writing), "-nolisten", "tcp", "-noreset"]
@@ -330,42 +304,26 @@ def _start_server(command: list[str]) -> tuple[subprocess.Popen[bytes], str]:
                 server = subprocess.Popen(
                     [*guard, *command, *options],
                     pass_fds=[writing],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
                     # Ctrl-C must reach this process only, which ends the server last.
                     start_new_session=True,
+                    **_MUTE,
                 )
             finally:
                 os.close(writing)
             number, ready = "", False
             try:
                 # The server writes its display number, or ends without writing.
-                ready = bool(select.select([told], [], [], SETTINGS.start_timeout)[0])
+                ready = bool(select.select([told], [], [], _START_TIMEOUT)[0])
                 number = told.readline().strip() if ready else ""
             finally:
                 if not number:
-                    terminate_or_kill(server, SETTINGS.start_timeout)
+                    terminate_or_kill(server, _START_TIMEOUT)
         if number:
             return server, number
         if not ready:
             break
     program = os.path.basename(command[0])
     raise NoXServer(f"{program} didn't start. Try it by hand: {program} -displayfd 1")
-
-
-@contextmanager
-def _publish_cookie(display: str, cookie: bytes) -> Iterator[None]:
-    """Let this user's programs use a server while the block lasts; NoXServer if that fails."""
-    with ExitStack() as stack:
-        try:
-            stack.enter_context(published_cookie(display, cookie))
-        except OSError as error:
-            raise NoXServer(
-                f"its cookie can't be kept in {authority_file()}: {error.strerror}. Let XAUTHORITY "
-                "name a file that you may write"
-            ) from error
-        yield
 
 
 @contextmanager
@@ -400,10 +358,8 @@ def require_program(name: str, packages: str) -> str:
 
     Parameters
     ----------
-    name : str
-        The program's name.
-    packages : str
-        The Debian packages that contain it, for the error message.
+    name, packages : str
+        The program's name, and the Debian packages that contain it, for the error message.
 
     Returns
     -------

@@ -102,6 +102,12 @@ _HEAD = """<?xml version="1.0" encoding="utf-8"?>
   xmlns="http://www.genicam.org/GenApi/Version_1_0">
 """
 
+_RATE = (
+    '<Float Name="AcquisitionFrameRate"><pValue>Rate</pValue></Float><Converter Name="Rate">'
+    "<FormulaTo>(1000000 / FROM)</FormulaTo><FormulaFrom>(1000000 / TO)</FormulaFrom>"
+    "<pValue>AcquisitionFramePeriod</pValue></Converter>"
+)
+
 _TEXTS = {
     "DeviceVendorName": (0x48, 32),
     "DeviceModelName": (0x68, 32),
@@ -111,26 +117,17 @@ _TEXTS = {
 }
 
 _NUMBERS = {
-    "SensorHeight": 0x118,
-    "SensorWidth": 0x11C,
-    "OffsetX": 0x130,
-    "OffsetY": 0x134,
-    "Width": 0x100,
-    "Height": 0x104,
-    "BinningHorizontal": 0x108,
-    "BinningVertical": 0x10C,
-    "AcquisitionFramePeriod": 0x138,
+    "SensorHeight": (0x118, ""),
+    "SensorWidth": (0x11C, ""),
+    "OffsetX": (0x130, "<Min>0</Min><pMax>SensorWidth</pMax>"),
+    "OffsetY": (0x134, "<Min>0</Min><pMax>SensorHeight</pMax>"),
+    "Width": (0x100, "<Min>1</Min><pMax>WidthMax</pMax><Inc>1</Inc>"),
+    "Height": (0x104, "<Min>1</Min><pMax>HeightMax</pMax><Inc>1</Inc>"),
+    "BinningHorizontal": (0x108, "<Min>1</Min><Max>4</Max>"),
+    "BinningVertical": (0x10C, "<Min>1</Min><Max>4</Max>"),
+    "AcquisitionFramePeriod": (0x138, "<Min>1000</Min><Max>100000000</Max>"),
 }
-
-_LIMITS = {
-    "OffsetX": "<Min>0</Min><pMax>SensorWidth</pMax>",
-    "OffsetY": "<Min>0</Min><pMax>SensorHeight</pMax>",
-    "Width": "<Min>1</Min><pMax>WidthMax</pMax><Inc>1</Inc>",
-    "Height": "<Min>1</Min><pMax>HeightMax</pMax><Inc>1</Inc>",
-    "BinningHorizontal": "<Min>1</Min><Max>4</Max>",
-    "BinningVertical": "<Min>1</Min><Max>4</Max>",
-    "AcquisitionFramePeriod": "<Min>1000</Min><Max>100000000</Max>",
-}
+"""Registers of whole numbers, and their limits."""
 
 _FEATURES = [name for name in FEATURES if "[" not in name]
 """Names of the features, each once; the entries of a selector lie 64 bytes apart."""
@@ -138,64 +135,58 @@ _FEATURES = [name for name in FEATURES if "[" not in name]
 
 def genicam_xml(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> str:
     """Return the GenICam XML of a camera with these pixel formats and this exposure range."""
-    parts = [_HEAD, _root_category()]
+    names = [
+        *_TEXTS, *_NUMBERS, "PixelFormat", "AcquisitionMode", "AcquisitionStart",
+        "AcquisitionStop", "AcquisitionFrameRate", "TriggerSelector", "TriggerMode",
+        "TriggerSource", "TriggerActivation", "TriggerSoftware", "ExposureTime", "Gain",
+        "ExposureAuto", "GainAuto", "DeviceTemperature", "PayloadSize", *_FEATURES,
+        *(selector for selector, *_ in SELECTORS.values()),
+    ]  # fmt: skip
+    listed = "".join(f"<pFeature>{name}</pFeature>" for name in names)
+    parts = [_HEAD, f'<Category Name="Root">{listed}</Category>']
     for name, (address, length) in _TEXTS.items():
         parts.append(
             f'<StringReg Name="{name}"><Address>{address:#x}</Address><Length>{length}</Length>'
             "<AccessMode>RO</AccessMode><pPort>Device</pPort></StringReg>"
         )
-    for name, address in _NUMBERS.items():
-        parts.append(f'<Integer Name="{name}"><pValue>{name}Reg</pValue>{_LIMITS.get(name, "")}')
-        parts.append("</Integer>")
+    for name, (address, limits) in _NUMBERS.items():
+        parts.append(f'<Integer Name="{name}"><pValue>{name}Reg</pValue>{limits}\n</Integer>')
         parts.append(_integer_register(f"{name}Reg", address))
-    for across, name, sensor in (
-        ("BinningHorizontal", "WidthMax", "SensorWidth"),
-        ("BinningVertical", "HeightMax", "SensorHeight"),
-    ):
-        parts.append(_swiss_knife(name, {"S": sensor, "B": across}, "S / B"))
     size = {"W": "Width", "H": "Height", "P": "PixelFormatReg", "M": "MoreBytesReg"}
     payload = "(W * H * ((P &gt;&gt; 16) &amp; 0xFF) + 7) / 8 + M"
-    parts += [_swiss_knife("PayloadSize", size, payload), _integer_register("MoreBytesReg", 0x3DC)]
-    parts += [_feature(name) for name in _FEATURES]
+    parts += [
+        _swiss_knife("WidthMax", {"S": "SensorWidth", "B": "BinningHorizontal"}, "S / B"),
+        _swiss_knife("HeightMax", {"S": "SensorHeight", "B": "BinningVertical"}, "S / B"),
+        _swiss_knife("PayloadSize", size, payload),
+        _integer_register("MoreBytesReg", 0x3DC),
+        *(_feature(name) for name in _FEATURES),
+    ]
     for selector, entries, address in SELECTORS.values():
         parts.append(_enumeration(selector, address, {one: n for n, one in enumerate(entries)}))
-    parts.append(_enumeration("PixelFormat", 0x128, {n: FORMATS[n].code for n in pixel_formats}))
     modes = {"Continuous": 1, "SingleFrame": 2, "MultiFrame": 3}
-    parts.append(_enumeration("AcquisitionMode", 0x12C, modes))
-    parts.append(_enumeration("TriggerMode", 0x300, {"Off": 0, "On": 1}))
-    parts.append(_enumeration("TriggerSource", 0x3F4, {"Line0": 0, "Software": 1}))
-    parts.append(_enumeration("TriggerActivation", 0x308, {"RisingEdge": 0}))
-    parts.append(_enumeration("TriggerSelector", 0x3F8, {"FrameStart": 0}))
-    parts.append(_enumeration("GainAuto", 0x114, {"Off": 1, "Continuous": 2}))
-    parts.append(_enumeration("ExposureAuto", 0x3E0, {"Off": 0, "Continuous": 1}))
-    parts.append(_command("AcquisitionStart", "RunningReg", 1))
-    parts.append(_command("AcquisitionStop", "RunningReg", 0))
-    parts.append(_integer_register("RunningReg", 0x124))
-    parts.append(_command("TriggerSoftware", "TriggerReg", 1))
-    parts.append(_integer_register("TriggerReg", 0x3F0))
     low, high = exposure_us
-    parts.append(_scaled_float("ExposureTime", 0x120, "FROM", "TO", low, high))
-    parts.append(_scaled_float("Gain", 0x110, "FROM * 10", "TO / 10", 0, 48))
-    parts.append(_scaled_float("DeviceTemperature", 0x3D0, "FROM * 100", "TO / 100", -50, 150))
-    period = "AcquisitionFramePeriod"
-    parts.append(
-        f'<Float Name="AcquisitionFrameRate"><pValue>Rate</pValue></Float><Converter Name="Rate">'
-        "<FormulaTo>(1000000 / FROM)</FormulaTo><FormulaFrom>(1000000 / TO)</FormulaFrom>"
-        f"<pValue>{period}</pValue></Converter>"
-    )
-    parts.append('<Integer Name="TLParamsLocked"><Value>0</Value></Integer>')
-    parts.append('<Port Name="Device"/></RegisterDescription>\n')
+    parts += [
+        _enumeration("PixelFormat", 0x128, {n: FORMATS[n].code for n in pixel_formats}),
+        _enumeration("AcquisitionMode", 0x12C, modes),
+        _enumeration("TriggerMode", 0x300, {"Off": 0, "On": 1}),
+        _enumeration("TriggerSource", 0x3F4, {"Line0": 0, "Software": 1}),
+        _enumeration("TriggerActivation", 0x308, {"RisingEdge": 0}),
+        _enumeration("TriggerSelector", 0x3F8, {"FrameStart": 0}),
+        _enumeration("GainAuto", 0x114, {"Off": 1, "Continuous": 2}),
+        _enumeration("ExposureAuto", 0x3E0, {"Off": 0, "Continuous": 1}),
+        _command("AcquisitionStart", "RunningReg", 1),
+        _command("AcquisitionStop", "RunningReg", 0),
+        _integer_register("RunningReg", 0x124),
+        _command("TriggerSoftware", "TriggerReg", 1),
+        _integer_register("TriggerReg", 0x3F0),
+        _scaled_float("ExposureTime", 0x120, "FROM", "TO", low, high),
+        _scaled_float("Gain", 0x110, "FROM * 10", "TO / 10", 0, 48),
+        _scaled_float("DeviceTemperature", 0x3D0, "FROM * 100", "TO / 100", -50, 150),
+        _RATE,
+        '<Integer Name="TLParamsLocked"><Value>0</Value></Integer>',
+        '<Port Name="Device"/></RegisterDescription>\n',
+    ]
     return "\n".join(parts)
-
-
-def _root_category() -> str:
-    names = [*_TEXTS, *_NUMBERS, "PixelFormat", "AcquisitionMode", "AcquisitionStart"]
-    names += ["AcquisitionStop", "AcquisitionFrameRate", "TriggerSelector", "TriggerMode"]
-    names += ["TriggerSource", "TriggerActivation", "TriggerSoftware", "ExposureTime", "Gain"]
-    names += ["ExposureAuto", "GainAuto", "DeviceTemperature", "PayloadSize", *_FEATURES]
-    names += [selector for selector, *_ in SELECTORS.values()]
-    features = "".join(f"<pFeature>{name}</pFeature>" for name in names)
-    return f'<Category Name="Root">{features}</Category>'
 
 
 def _feature(name: str) -> str:

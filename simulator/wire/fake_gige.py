@@ -1,8 +1,9 @@
-"""A GigE Vision camera on the loopback, whose pictures this process renders."""
+"""A GigE Vision camera on the loopback, whose pictures this process renders, and its faults."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import mmap
 import signal
 import socket
@@ -10,8 +11,9 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +25,51 @@ from drivers.hosted.calls import CallRequest, CallResult, Notification
 from drivers.hosted.child_process import ChildProcess
 from drivers.hosted.message_socket import LineClosed, MessageTimeout
 from drivers.interfaces import Clock
-from simulator.wire.camera_faults import CameraFault
 from simulator.wire.camera_xml import FEATURES, apply_features, genicam_xml, register_of
 from simulator.wire.gige_process import HEADER_BYTES, GigERegister
+from simulator.world import World
+
+CameraFaultKind = Literal[
+    "lost packets",
+    "missing frame",
+    "late frame",
+    "corrupt frame",
+    "stale frame",
+    "wrong exposure",
+    "stopped stream",
+    "heartbeat loss",
+    "silence",
+    "disconnect",
+]
+"""Kinds of faults, by name.
+
+lost packets: half of a frame's packets don't arrive. missing frame: no packet of a frame arrives.
+late frame: a frame comes 1.5 s too late. corrupt frame: a frame's leader reports another size.
+stale frame: a new exposure takes effect three frames late. wrong exposure: the camera doubles its
+exposure by itself, and reports it when asked. stopped stream: triggers have no effect. heartbeat
+loss: the camera forgets which program controls it. silence: it neither receives nor sends.
+disconnect: it is gone, and returns in the state after power-up."""
+
+CAMERA_FAULT_KINDS: tuple[CameraFaultKind, ...] = get_args(CameraFaultKind)
+
+
+@dataclass(frozen=True)
+class CameraFault:
+    """One fault of a GigE camera.
+
+    kind: one of CAMERA_FAULT_KINDS. at: time at which it begins, in seconds of the bench's clock.
+    seconds: its duration.
+    """
+
+    kind: CameraFaultKind
+    at: float = 0.0
+    seconds: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.kind not in CAMERA_FAULT_KINDS:
+            raise ValueError(f"kind is {self.kind!r}; choose {', '.join(CAMERA_FAULT_KINDS)}")
+        if not self.seconds > 0:
+            raise ValueError(f"seconds is {self.seconds:g}; it must be positive")
 
 
 def pack_pixels(image: NDArray[np.uint16], form: PixelFormat) -> NDArray[np.uint8]:
@@ -37,23 +81,16 @@ def pack_pixels(image: NDArray[np.uint16], form: PixelFormat) -> NDArray[np.uint
         case "words":
             return pixels.astype("<u2").view(np.uint8)
         case "packed":
-            return _pack_pairs(pixels, form.bits - 8)
+            # Two pixels in three bytes: the high bits of each around the low bits of both.
+            count, extra = pixels.size, form.bits - 8
+            a, b = np.append(pixels, np.zeros(count % 2, np.uint16)).reshape(-1, 2).T
+            low = (1 << extra) - 1
+            groups = np.stack([a >> extra, (b & low) << 4 | a & low, b >> extra], 1)
+            return groups.astype(np.uint8).reshape(-1)[: -(-count * 12 // 8)]
         case "p":
-            return _pack_bit_stream(pixels, form.bits)
-
-
-def _pack_pairs(pixels: NDArray[np.uint16], extra: int) -> NDArray[np.uint8]:
-    count = pixels.size
-    even = np.append(pixels, np.zeros(count % 2, np.uint16)).reshape(-1, 2)
-    low = even & (1 << extra) - 1
-    groups = np.stack([even[:, 0] >> extra, low[:, 1] << 4 | low[:, 0], even[:, 1] >> extra], 1)
-    return groups.astype(np.uint8).reshape(-1)[: -(-count * 12 // 8)]
-
-
-def _pack_bit_stream(pixels: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:
-    two_bytes = pixels.astype("<u2").view(np.uint8).reshape(-1, 2)
-    ones = np.unpackbits(two_bytes, axis=1, bitorder="little")[:, :bits]
-    return np.packbits(ones.reshape(-1), bitorder="little")
+            two_bytes = pixels.astype("<u2").view(np.uint8).reshape(-1, 2)
+            ones = np.unpackbits(two_bytes, axis=1, bitorder="little")[:, : form.bits]
+            return np.packbits(ones.reshape(-1), bitorder="little")
 
 
 RenderImage = Callable[[float, float], NDArray[np.uint16]]
@@ -65,6 +102,27 @@ PackPixels = Callable[[NDArray[np.uint16], PixelFormat], NDArray[np.uint8]]
 """Function that packs a picture into the bytes that are sent."""
 
 
+def frame_renderer(world: World) -> RenderImage:
+    """Return the `render` function that shows the virtual bench to a `FakeGigECamera`.
+
+    Each picture has its own noise and shows the bench in its state at that time. Numbers that the
+    gain raises above the sensor's full scale are clipped there.
+    """
+    # A running camera may request two frames at once, and the world has only one state.
+    turn = threading.Lock()
+
+    def render_frame(exposure: float, gain_db: float) -> NDArray[np.uint16]:
+        with turn:
+            stream, _ = world.stream(exposure)
+            image = stream.frame(world.random_generator())
+        if not gain_db:
+            return image
+        more = np.rint(image * 10 ** (gain_db / 20))
+        return np.minimum(more, world.camera.sensor.full_scale).astype(np.uint16)
+
+    return render_frame
+
+
 class NoAravis(OSError):
     """Raised when Aravis, or Python's gi, isn't installed."""
 
@@ -74,19 +132,18 @@ class FakeGigECamera:
 
     render: called in a thread of this process for each frame, whose noise must be its own: the
     driver refuses a frame that comes again. Without `always_render`, it is called `cycle_length`
-    times whenever the exposure, the gain or the region has changed, or `mark_scene_changed()` was
-    called, and these pictures are sent in turn. shape: of the sensor, (rows, columns).
-    pixel_format: the format after power-up. pixel_formats: further formats. latency: number of
-    frames after which a new exposure takes effect. exposure_us: shortest and longest exposure in
-    microseconds. address: an address of this computer, for one camera at a time. clock, faults:
-    faults that begin at given times. features: values of FEATURES after power-up, by name. pack:
-    how pictures become bytes. leader: what each frame's leader says otherwise than the registers
-    do: code, width, height, x, y, padding (bytes after each line), stamp (nanoseconds), clock_rate
-    (seconds of its clock in one second). more_bytes: by which a payload may exceed the picture.
-    Entering raises NoAravis if there is no gi, and OSError if the address isn't free.
+    times whenever exposure, gain or region has changed, or `mark_scene_changed()` was called, and
+    these pictures are sent in turn. shape: of the sensor. pixel_format: after power-up. latency:
+    frames after which a new exposure takes effect. exposure_us: shortest and longest in
+    microseconds. address: of this computer, for one camera at a time. features: values of FEATURES
+    after power-up. pack: how pictures become bytes. leader: what each frame's leader says otherwise
+    than the registers do: code, width, height, x, y, padding (bytes after each line), stamp
+    (nanoseconds), clock_rate (seconds of its clock in one second). more_bytes: by which a payload
+    may exceed the picture. Entering raises NoAravis if there is no gi, and OSError if the address
+    isn't free.
 
-    Pixels of a picture are averaged for binning, cropped to the region and limited to full scale. A
-    triggered exposure takes its real time; a free-running camera exposes all the time.
+    Pixels are averaged for binning, cropped to the region and limited to full scale. A triggered
+    exposure takes its real time; a free-running camera exposes all the time.
     """
 
     def __init__(
@@ -122,14 +179,10 @@ class FakeGigECamera:
         values = {name: one.start for name, one in FEATURES.items()} | dict(features or {})
         self._exposure_us = exposure_us
         self._start_settings = {
-            "address": address,
-            "serial": serial,
-            "shape": shape,
-            "code": FORMATS[pixel_format].code,
-            "fresh": always_render,
-            "latency": latency,
+            "address": address, "serial": serial, "shape": shape, "latency": latency,
+            "code": FORMATS[pixel_format].code, "fresh": always_render,
             "features": [register_of(name, value) for name, value in values.items()],
-        }
+        }  # fmt: skip
         self._clock, self._faults = clock, list(faults)
         self.failure: Exception | None = None
         """Exception of the last call of `render` that failed; its frame isn't sent."""
@@ -155,8 +208,7 @@ class FakeGigECamera:
             except FileNotFoundError as error:
                 raise NoAravis(f"no Python with gi: {error}") from error
             self._memory = mmap.mmap(self._process.line.memory, 0)
-            self._ended = False
-            self._sent, self._set = "", 0
+            self._ended, self._sent, self._set = False, "", 0
             self._obeyed_event = threading.Event()
             self._counting, self._scripting = threading.Lock(), threading.RLock()
             stack.callback(self._close)
@@ -256,20 +308,17 @@ class FakeGigECamera:
             while not self._ended:
                 with contextlib.suppress(MessageTimeout):
                     # Every 10 ms the faults whose time has come begin or end.
-                    self._handle_message(self._process.line.receive(0.01))
+                    message: Notification | CallResult = self._process.line.receive(0.01)
+                    if isinstance(message, Notification):
+                        render, wanted = self._render_pictures, message.arguments
+                        threading.Thread(target=render, args=wanted, daemon=True).start()
+                    else:
+                        self._obeyed_event.set()
                 if self._scripting.acquire(blocking=False):
                     try:
                         self._follow_script()
                     finally:
                         self._scripting.release()
-
-    def _handle_message(self, message: Notification | CallResult) -> None:
-        if isinstance(message, Notification):
-            threading.Thread(
-                target=self._render_pictures, args=message.arguments, daemon=True
-            ).start()
-        else:
-            self._obeyed_event.set()
 
     def _render_pictures(self, request: dict[str, Any]) -> None:
         """Render requested pictures into the set of memory places that isn't being sent."""
@@ -282,9 +331,8 @@ class FakeGigECamera:
                 image = self._fill(request["us"] * 1e-6, request["gain"] * 0.1)
                 image = apply_features(image, request["features"], form.full_scale)
                 data = pack(_crop_and_bin(image, request["region"]), form)
-                self._memory[HEADER_BYTES + place : HEADER_BYTES + place + data.size] = (
-                    data.tobytes()
-                )
+                start = HEADER_BYTES + place
+                self._memory[start : start + data.size] = data.tobytes()
         except Exception as error:
             self.failure = error
             return

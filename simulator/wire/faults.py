@@ -24,8 +24,6 @@ reply. truncated: replies lose their end. duplicated: replies come twice. delaye
 late. bit flips: noise in both directions. byte by byte: replies have pauses between their bytes.
 wrong echo: the echo differs from what was sent. disconnect: the plug is out."""
 
-_DEFAULT_SHARES = {"bit flips": 0.03}
-
 
 @dataclass(frozen=True)
 class WireFault:
@@ -35,10 +33,8 @@ class WireFault:
     ----------
     kind : str
         One of WIRE_FAULT_KINDS, or one of the machine's own faults.
-    at : float, default 0.0
-        Time at which it begins, in seconds of the bench's clock.
-    seconds : float, default inf
-        Duration in seconds, not negative.
+    at, seconds : float, default 0.0, inf
+        When it begins by the bench's clock, and how long it lasts, not negative, in seconds.
     share : float, optional
         Share from 0 to 1 of the bytes (for bit flips) or of the replies and echoes (for other
         kinds) that the fault affects. By default it is 0.03 for bit flips and otherwise 1.
@@ -69,7 +65,8 @@ class WireFault:
     @property
     def probability(self) -> float:
         """Return the probability that the fault affects a byte, reply or echo."""
-        return _DEFAULT_SHARES.get(self.kind, 1.0) if self.share is None else self.share
+        default = 0.03 if self.kind == "bit flips" else 1.0
+        return default if self.share is None else self.share
 
     def is_active(self, t: float) -> bool:
         return self.at <= t < self.at + self.seconds

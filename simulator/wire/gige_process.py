@@ -1,8 +1,7 @@
 """Program of the simulated camera's process: Aravis' fake camera with pictures from outside.
 
-It uses only Python's standard library, gi and `drivers.hosted`, so that the system's Python can run
-it. The fake camera implements GigE Vision; this module adds the duration of exposures and the
-faults.
+It adds the duration of exposures and the faults. The system's Python runs it: it uses only the
+standard library, gi and `drivers.hosted`.
 """
 
 from __future__ import annotations
@@ -37,9 +36,8 @@ _FILL = ctypes.CFUNCTYPE(
 class GigERegister(IntEnum):
     """Addresses of the camera's registers.
 
-    TEMPERATURE, MORE_BYTES, TRIGGER and TRIGGER_SOURCE belong to this module, and PRIVILEGE,
-    STREAM_PORT, PACKET_SIZE and STREAM_ADDRESS to GigE Vision. The others are those of Aravis' fake
-    camera.
+    TEMPERATURE, MORE_BYTES, TRIGGER and TRIGGER_SOURCE belong to this module, those from PRIVILEGE
+    on to GigE Vision, and the others to Aravis' fake camera.
     """
 
     WIDTH = 0x100
@@ -77,32 +75,24 @@ class GigEMachine:
         self._aravis, self._start_settings = aravis, given
         self._memory = mmap.mmap(memory, 0)
         self._base = ctypes.addressof(ctypes.c_char.from_buffer(self._memory))
-        self._library = ctypes.CDLL("libaravis-0.8.so.0")
-        self._library.arv_buffer_get_data.restype = ctypes.c_void_p
-        self._library.arv_buffer_get_frame_id.restype = ctypes.c_uint64
-        self._library.arv_buffer_get_frame_id.argtypes = [ctypes.c_void_p]
-        self._library.arv_buffer_get_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
-        self._library.arv_fake_camera_set_fill_pattern.argtypes = [
-            ctypes.c_void_p,
-            _FILL,
-            ctypes.c_void_p,
-            ctypes.c_void_p,
-        ]
-        self._callback = _FILL(self._fill_buffer)
+        pointer, library = ctypes.c_void_p, ctypes.CDLL("libaravis-0.8.so.0")
+        library.arv_buffer_get_data.restype = pointer
+        library.arv_buffer_get_data.argtypes = [pointer, pointer]
+        library.arv_buffer_get_frame_id.restype = ctypes.c_uint64
+        library.arv_buffer_get_frame_id.argtypes = [pointer]
+        library.arv_fake_camera_set_fill_pattern.argtypes = [pointer, _FILL, pointer, pointer]
+        self._library, self._callback = library, _FILL(self._fill_buffer)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._exposure_history: deque[int] = deque(maxlen=9)
         self._key: Any = None
-        self._places: list[int] = []
-        self._turn = 0
-        self._next: int | None = None
         self._pending_key: Any = None
         self._request: dict[str, Any] = {}
+        self._places: list[int] = []
+        self._next: int | None = None
+        self._turn = self._pulses = self._size = 0
         self._arrived = threading.Condition()
-        self._pulses = 0
-        self._size = 0
         self.leader: dict[str, Any] = {}
-        self.latency = int(given["latency"])
-        self.fault = ""
+        self.latency, self.fault = int(given["latency"]), ""
         self.ask: Any = None
         self._plug_in()
         threading.Thread(target=self._serve_triggers, daemon=True).start()
@@ -117,16 +107,10 @@ class GigEMachine:
         fake = server.get_fake_camera()
         fake.set_trigger_frequency(1000.0)
         rows, columns = given["shape"]
-        for register, value in (
-            (GigERegister.SENSOR_WIDTH, columns),
-            (GigERegister.SENSOR_HEIGHT, rows),
-            (GigERegister.WIDTH, columns),
-            (GigERegister.HEIGHT, rows),
-            (GigERegister.FORMAT, given["code"]),
-            (GigERegister.FAKE_TRIGGER_SOURCE, 1),
-            (GigERegister.TEMPERATURE, 4150),
-            *given["features"],
-        ):
+        r = GigERegister
+        start = {r.SENSOR_WIDTH: columns, r.SENSOR_HEIGHT: rows, r.WIDTH: columns, r.HEIGHT: rows}
+        start |= {r.FORMAT: given["code"], r.FAKE_TRIGGER_SOURCE: 1, r.TEMPERATURE: 4150}
+        for register, value in (*start.items(), *given["features"]):
             fake.write_register(register, value)
         self._library.arv_fake_camera_set_fill_pattern(hash(fake), self._callback, None, None)
         self._exposure_history.clear()
@@ -139,9 +123,8 @@ class GigEMachine:
             self._server = self._fake = None
         elif before == "disconnect" and kind != before:
             self._plug_in()
-        fake = self._fake
-        if fake is not None and kind == "heartbeat loss":
-            fake.write_register(GigERegister.PRIVILEGE, 0)
+        if kind == "heartbeat loss":
+            self._write(GigERegister.PRIVILEGE, 0)
 
     def set_leader(self, leader: dict[str, Any]) -> None:
         """Set what the frames' leaders tell; see FakeGigECamera."""
@@ -286,12 +269,10 @@ class GigEMachine:
         target = self._library.arv_buffer_get_data(buffer, None)
         ctypes.memmove(target, self._base + HEADER_BYTES + place, fake.get_payload())
         if self.fault == "corrupt frame":
-            self._send_forged_leader(self._library.arv_buffer_get_frame_id(buffer))
-
-    def _send_forged_leader(self, number: int) -> None:
-        """Send a frame leader of a wrong size before the right one."""
-        height = max(1, self._register(GigERegister.HEIGHT) // 2)
-        self._send_packets([self._leader_packet(number, {"height": height})])
+            # A leader of a wrong size comes before the right one.
+            height = max(1, self._register(GigERegister.HEIGHT) // 2)
+            number = self._library.arv_buffer_get_frame_id(buffer)
+            self._send_packets([self._leader_packet(number, {"height": height})])
 
     def _send_frame(self, number: int, data: bytes) -> None:
         """Send a frame whose leader or size Aravis' fake camera can't have."""

@@ -39,8 +39,7 @@ class SimulatedLine:
     def __init__(self, machine: SerialMachine, *, baudrate: int, seed: int = 0) -> None:
         if baudrate <= 0:
             raise ValueError(f"baudrate is {baudrate}; it must be positive")
-        self.machine = machine
-        self.baudrate = baudrate
+        self.machine, self.baudrate = machine, baudrate
         # A byte has a start bit, eight data bits and a stop bit.
         self._byte_time = 10 / baudrate
         self._rng = np.random.default_rng(seed)
@@ -50,8 +49,7 @@ class SimulatedLine:
         self._coming: list[tuple[float, int, int]] = []
         self._free_there = self._free_here = -math.inf
         self._faults: dict[str, list[WireFault]] = {}
-        self._cleared_unplugs = 0
-        self._now = -math.inf
+        self._cleared_unplugs, self._now = 0, -math.inf
         self._machine_faults: tuple[str, ...] = ()
         self._lock = threading.RLock()
 
@@ -128,7 +126,8 @@ class SimulatedLine:
                 break
             if going <= leaving:
                 at, _, byte = heapq.heappop(self._going)
-                self._deliver_to_machine(byte, at)
+                if not (self._active_fault("silence", at) or self._active_fault("disconnect", at)):
+                    self._feed(bytes([self._with_bit_flips(byte, at)]), at)
             else:
                 at, _, data, echo = heapq.heappop(self._leaving)
                 if data:
@@ -137,12 +136,6 @@ class SimulatedLine:
                     self._feed(b"", at)
         if self.is_unplugged(t):
             self._coming.clear()
-
-    def _deliver_to_machine(self, byte: int, t: float) -> None:
-        """Bring a byte to the machine, unless a fault stops it."""
-        if self._active_fault("silence", t) or self._active_fault("disconnect", t):
-            return
-        self._feed(bytes([self._with_bit_flips(byte, t)]), t)
 
     def _feed(self, data: bytes, t: float) -> None:
         """Pass bytes to the machine, and take its replies."""
@@ -169,8 +162,7 @@ class SimulatedLine:
         late = 0.0
         if not echo:
             if self._drawn_fault("garbage", t):
-                length = int(self._rng.integers(1, 2 * len(data) + 1))
-                data = self._rng.bytes(length)
+                data = self._rng.bytes(int(self._rng.integers(1, 2 * len(data) + 1)))
             if self._drawn_fault("truncated", t):
                 data = data[: int(self._rng.integers(len(data)))]
             if self._drawn_fault("duplicated", t):
@@ -189,9 +181,8 @@ class SimulatedLine:
             self._free_here = free
 
     def _with_bit_flips(self, byte: int, t: float) -> int:
-        return (
-            byte ^ (1 << int(self._rng.integers(8))) if self._drawn_fault("bit flips", t) else byte
-        )
+        flipped = self._drawn_fault("bit flips", t)
+        return byte ^ (1 << int(self._rng.integers(8))) if flipped else byte
 
     def _active_fault(self, kind: str, t: float) -> WireFault | None:
         faults = self._faults.get(kind)

@@ -5,6 +5,7 @@ pyserial finds this module by its name in the packages of `serial.protocol_handl
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import dataclass, field
 from typing import Any
@@ -80,8 +81,7 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
         self._socket = socket
         self._line, self._clock = socket.line, socket.clock
         self._pulls = self._line.unplug_count(self._clock.now())
-        self._cancelled = threading.Event()
-        self._held = bytearray()
+        self._cancelled, self._held = threading.Event(), bytearray()
         self.is_open = True
         self.reset_input_buffer()
 
@@ -116,18 +116,15 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
         return len(self._held)
 
     def read(self, size: int = 1) -> bytes:
-        late: float | None = None
-        while True:
-            now = self._receive_arrived()
-            if late is None:
-                late = now + (float("inf") if self.timeout is None else self.timeout)
-            if len(self._held) >= size or now >= late or self._cancelled.is_set():
-                break
+        now = self._receive_arrived()
+        late = now + (math.inf if self.timeout is None else self.timeout)
+        while not (len(self._held) >= size or now >= late or self._cancelled.is_set()):
             then = min(self._line.next_event_time(), self._line.next_unplug_time(now), late)
-            if then == float("inf"):
+            if then == math.inf:
                 # Another thread may send meanwhile, so the port looks again after 50 ms.
                 then = now + 0.05
             self._clock.wait_until(max(then, now), self._cancelled.is_set)
+            now = self._receive_arrived()
         taken = bytes(self._held[:size])
         del self._held[:size]
         return taken

@@ -21,10 +21,9 @@ _POLL_INTERVAL = 0.02
 class PtyLine:
     """Serve a simulated line as a pseudo-terminal at a constant path, in a thread of its own.
 
-    line: the line that is served. path: a symbolic link to the terminal. While the cable is
-    unplugged the link doesn't exist, and a program that holds the terminal gets a hang-up. clock:
-    the bench's clock, which must run at the speed of real time. The object is a context manager; it
-    needs a system with pseudo-terminals.
+    path: a symbolic link to the terminal. While the cable is unplugged there is no link, and a
+    program that holds the terminal gets a hang-up. clock: must run at the speed of real time. The
+    object is a context manager; it needs a system with pseudo-terminals.
     """
 
     def __init__(self, line: SimulatedLine, path: Path, clock: Clock | None = None) -> None:
@@ -48,21 +47,17 @@ class PtyLine:
     def _serve(self) -> None:
         while not self._stopping.is_set():
             now = self.clock.now()
-            pulls = self.line.unplug_count(now)
-            if self._ends and (self.line.is_unplugged(now) or pulls > self._pulls):
+            unplugged = self.line.is_unplugged(now)
+            if unplugged or self.line.unplug_count(now) > self._pulls:
                 self._unplug()
-            if self._ends is None:
-                if self.line.is_unplugged(now):
-                    self._stopping.wait(_POLL_INTERVAL)
-                    continue
-                self._plug_in()
-            self._transfer(now)
+            if unplugged:
+                self._stopping.wait(_POLL_INTERVAL)
+                continue
+            near = self._ends[0] if self._ends else self._plug_in()
+            self._transfer(near, now)
 
-    def _transfer(self, now: float) -> None:
+    def _transfer(self, near: int, now: float) -> None:
         """Transfer bytes between the pseudo-terminal and the line, and wait for more."""
-        if self._ends is None:
-            return
-        near = self._ends[0]
         data = self.line.receive(now)
         # Bytes that nobody reads are lost, as at a real port whose buffer is full.
         with contextlib.suppress(BlockingIOError):
@@ -72,7 +67,8 @@ class PtyLine:
         if select.select([near], [], [], max(then, 0.0))[0]:
             self.line.send(os.read(near, 4096), self.clock.now())
 
-    def _plug_in(self) -> None:
+    def _plug_in(self) -> int:
+        """Make the pseudo-terminal, and return its near end."""
         self._ends = near, far = os.openpty()
         # The far end stays open here, because the near end is unusable without an open far end.
         tty.setraw(far)
@@ -82,6 +78,7 @@ class PtyLine:
         aside.unlink(missing_ok=True)
         aside.symlink_to(os.ttyname(far))
         aside.replace(self.path)
+        return near
 
     def _unplug(self) -> None:
         if self._ends is None:

@@ -1,7 +1,7 @@
 """A bus of simulated USB devices, as a backend of pyusb that unmodified drivers can use.
 
-A driver's option backend = "simulated-here@NAME" calls bus(NAME), which returns the bus that was
-registered under that name in this process. Source: pyusb's usb.backend.IBackend.
+A driver's option backend = "simulated-here@NAME" calls bus(NAME). Source: pyusb's
+usb.backend.IBackend.
 """
 
 from __future__ import annotations
@@ -95,8 +95,7 @@ class UsbBus(SimulatedUsbBackend):
     """Simulate a USB bus: plugs by port, with waiting by the bench's clock."""
 
     def __init__(self, clock: Clock, seed: int = 0) -> None:
-        self._clock = clock
-        self._seed = seed
+        self._clock, self._seed = clock, seed
         self._plugs: dict[int, Plug] = {}
 
     def plug_in(self, machine: UsbMachine) -> Plug:
@@ -115,49 +114,31 @@ class UsbBus(SimulatedUsbBackend):
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
         return SimpleNamespace(
-            bLength=_first_only(config, 9),
-            bDescriptorType=2,
-            wTotalLength=0,
-            bNumInterfaces=1,
-            bConfigurationValue=1,
-            iConfiguration=0,
-            bmAttributes=0x80,
-            bMaxPower=50,
+            bLength=_first_only(config, 9), bDescriptorType=2, wTotalLength=0, bNumInterfaces=1,
+            bConfigurationValue=1, iConfiguration=0, bmAttributes=0x80, bMaxPower=50,
             extra_descriptors=[],
-        )
+        )  # fmt: skip
 
     def get_interface_descriptor(
         self, dev: int, intf: int, alt: int, config: int
     ) -> SimpleNamespace:
         description = self._plugs[dev].description
         return SimpleNamespace(
-            bLength=_first_only(max(intf, alt, config), 9),
-            bDescriptorType=4,
-            bInterfaceNumber=0,
-            bAlternateSetting=0,
-            bNumEndpoints=len(description.endpoints),
-            bInterfaceClass=description.interface_class,
-            bInterfaceSubClass=0,
-            bInterfaceProtocol=0,
-            iInterface=0,
-            extra_descriptors=[],
-        )
+            bLength=_first_only(max(intf, alt, config), 9), bDescriptorType=4, bInterfaceNumber=0,
+            bAlternateSetting=0, bNumEndpoints=len(description.endpoints),
+            bInterfaceClass=description.interface_class, bInterfaceSubClass=0,
+            bInterfaceProtocol=0, iInterface=0, extra_descriptors=[],
+        )  # fmt: skip
 
     def get_endpoint_descriptor(
         self, dev: int, ep: int, intf: int, alt: int, config: int
     ) -> SimpleNamespace:
         endpoint = self._plugs[dev].description.endpoints[ep]
         return SimpleNamespace(
-            bLength=7,
-            bDescriptorType=5,
-            bEndpointAddress=endpoint.address,
-            bmAttributes=endpoint.attributes,
-            wMaxPacketSize=endpoint.size,
-            bInterval=endpoint.interval,
-            bRefresh=0,
-            bSynchAddress=0,
-            extra_descriptors=[],
-        )
+            bLength=7, bDescriptorType=5, bEndpointAddress=endpoint.address,
+            bmAttributes=endpoint.attributes, wMaxPacketSize=endpoint.size,
+            bInterval=endpoint.interval, bRefresh=0, bSynchAddress=0, extra_descriptors=[],
+        )  # fmt: skip
 
     def open_device(self, dev: int) -> Handle:
         plug = self._plugs[dev]
@@ -191,8 +172,7 @@ class UsbBus(SimulatedUsbBackend):
         self._plug(dev_handle).kernel_driver = True
 
     def reset_device(self, dev_handle: Handle) -> None:
-        plug = self._plug(dev_handle)
-        plug.machine.power_up(self._clock.now())
+        self._plug(dev_handle).machine.power_up(self._clock.now())
 
     def control(self, handle: Handle, setup: SetupPacket, data: bytes, timeout: int) -> bytes:
         return self._plug(handle).control(setup, data, timeout * 1e-3)

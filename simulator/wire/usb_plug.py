@@ -45,11 +45,10 @@ class PacketFaults:
 
     def deliver_to_host(self, packet: Packet, faults: Iterable[WireFault]) -> list[Packet]:
         """Return the packets that reach the host for one that was sent."""
-        original = packet.data
         packets = [packet]
         for fault in faults:
             packets = [struck for one in packets for struck in self._apply_fault(one, fault)]
-        self._before = original
+        self._before = packet.data
         return packets
 
     def _apply_fault(self, packet: Packet, fault: WireFault) -> list[Packet]:
@@ -62,18 +61,18 @@ class PacketFaults:
             case "silence" | "mute":
                 return []
             case "garbage":
-                return [Packet(at, self._chance.randbytes(self._chance.randint(1, len(data) or 1)))]
-            case "truncated":
-                return [Packet(at, data[: self._chance.randrange(len(data))] if data else data)]
+                data = self._chance.randbytes(self._chance.randint(1, len(data) or 1))
+            case "truncated" if data:
+                data = data[: self._chance.randrange(len(data))]
             case "duplicated":
                 return [packet, packet]
             case "delayed":
-                return [Packet(at + fault.delay, data)]
+                at += fault.delay
             case "byte by byte":
                 return [Packet(at + 0.005 * i, data[i : i + 1]) for i in range(len(data))]
             case "wrong echo":
-                return [Packet(at, self._before)]
-        return [packet]
+                data = self._before
+        return [Packet(at, data)]
 
     def _is_drawn(self, fault: WireFault) -> bool:
         return self._chance.random() < fault.probability
@@ -103,17 +102,13 @@ class Plug:
     """
 
     def __init__(self, machine: UsbMachine, clock: Clock, seed: int) -> None:
-        self.machine = machine
+        self.machine, self._clock, self._noise = machine, clock, PacketFaults(seed)
         self.denied = self.busy = False
-        self.kernel_driver = True
-        self.address = 1
-        self._clock = clock
-        self._noise = PacketFaults(seed)
+        self.kernel_driver, self.address = True, 1
         # Drivers and the bench, which adds and checks faults, call from several threads.
         self._turn = threading.RLock()
         self._faults: list[WireFault] = []
-        self._disconnect_count = 0
-        self._is_plugged_in = True
+        self._disconnect_count, self._is_plugged_in = 0, True
         self._reports: dict[int, list[Packet]] = {}
         self._machine_fault: str | None = None
 
@@ -145,26 +140,22 @@ class Plug:
             now = self._clock.now()
             begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
             if len(begun) != self._disconnect_count and self._is_plugged_in:
-                self._unplug()
+                self._is_plugged_in = False
+                # The device returns at another address, and the system's driver claims it again.
+                self.address += 1
+                self.kernel_driver = True
+                self._reports.clear()
             self._disconnect_count = len(begun)
             there = not any(fault.is_active(now) for fault in begun)
             if there and not self._is_plugged_in:
                 self._is_plugged_in = True
                 self.machine.power_up(max((f.at + f.seconds for f in begun), default=now))
-            suffers = next(
-                (f.kind for f in self._active_faults if f.kind not in WIRE_FAULT_KINDS), None
-            )
+            own = [f.kind for f in self._active_faults if f.kind not in WIRE_FAULT_KINDS]
+            suffers = own[0] if own else None
             if suffers != self._machine_fault:
                 self._machine_fault = suffers
                 self.machine.set_fault(suffers)
             return there
-
-    def _unplug(self) -> None:
-        self._is_plugged_in = False
-        # The device returns at another address, and the system's driver claims it again.
-        self.address += 1
-        self.kernel_driver = True
-        self._reports.clear()
 
     @property
     def _active_faults(self) -> list[WireFault]:
@@ -173,35 +164,33 @@ class Plug:
 
     def control(self, setup: SetupPacket, data: bytes, timeout: float) -> bytes:
         """Carry out a control transfer, and return the answer."""
+
+        def handle(heard: bytes) -> tuple[bytes, list[InputReport]]:
+            if setup.request_type == 0x80 and setup.request == 6:
+                return _descriptor(self.description, setup.value), []
+            return self.machine.control(setup, heard, self._clock.now())
+
         with self._turn:
             late = self._clock.now() + timeout
-            answer, reports = self._deliver(
-                data, late, lambda heard: self._handle_control(setup, heard)
-            )
+            answer, reports = self._deliver(data, late, handle)
             self._queue_reports(reports)
             if not setup.request_type & 0x80:
                 return b""
-            packets = self._noise.deliver_to_host(
-                Packet(self._clock.now(), answer), self._active_faults
-            )
+            sent = Packet(self._clock.now(), answer)
+            packets = self._noise.deliver_to_host(sent, self._active_faults)
             if not packets or packets[0].at > late:
                 raise self._timeout_error(late)
             self._wait(packets[0].at)
             return packets[0].data[: setup.length]
 
-    def _handle_control(self, setup: SetupPacket, data: bytes) -> tuple[bytes, list[InputReport]]:
-        if setup.request_type == 0x80 and setup.request == 6:
-            return _descriptor(self.description, setup.value), []
-        return self.machine.control(setup, data, self._clock.now())
-
     def write(self, endpoint: int, data: bytes, timeout: float) -> int:
         """Write bytes to an endpoint, and return their number."""
+
+        def handle(heard: bytes) -> list[InputReport]:
+            return self.machine.write(endpoint, heard, self._clock.now())
+
         with self._turn:
-            late, now = self._clock.now() + timeout, self._clock.now
-            out = self.machine.write
-            self._queue_reports(
-                self._deliver(data, late, lambda heard: out(endpoint, heard, now()))
-            )
+            self._queue_reports(self._deliver(data, self._clock.now() + timeout, handle))
             return len(data)
 
     def _deliver(self, data: bytes, late: float, handler: Callable[[bytes], T]) -> T:
@@ -232,9 +221,8 @@ class Plug:
     def _queue_reports(self, reports: Sequence[InputReport]) -> None:
         for report in reports:
             waiting = self._reports.setdefault(report.endpoint, [])
-            waiting += self._noise.deliver_to_host(
-                Packet(report.at, report.data), self._active_faults
-            )
+            sent = Packet(report.at, report.data)
+            waiting += self._noise.deliver_to_host(sent, self._active_faults)
             waiting.sort(key=lambda packet: packet.at)
 
     def require_plugged_in(self) -> None:
@@ -273,23 +261,9 @@ def device_descriptor(description: UsbDescription, port: int, address: int) -> S
     strings = (description.maker, description.name, description.serial)
     indices = [index if said else 0 for index, said in enumerate(strings, start=1)]
     return SimpleNamespace(
-        bLength=18,
-        bDescriptorType=1,
-        bcdUSB=0x0110,
-        bDeviceClass=0,
-        bDeviceSubClass=0,
-        bDeviceProtocol=0,
-        bMaxPacketSize0=8,
-        idVendor=description.vendor,
-        idProduct=description.product,
-        bcdDevice=description.release,
-        iManufacturer=indices[0],
-        iProduct=indices[1],
-        iSerialNumber=indices[2],
-        bNumConfigurations=1,
-        bus=1,
-        address=address,
-        port_number=port,
-        port_numbers=(port,),
-        speed=2,
-    )
+        bLength=18, bDescriptorType=1, bcdUSB=0x0110, bDeviceClass=0, bDeviceSubClass=0,
+        bDeviceProtocol=0, bMaxPacketSize0=8, idVendor=description.vendor,
+        idProduct=description.product, bcdDevice=description.release, iManufacturer=indices[0],
+        iProduct=indices[1], iSerialNumber=indices[2], bNumConfigurations=1, bus=1,
+        address=address, port_number=port, port_numbers=(port,), speed=2,
+    )  # fmt: skip

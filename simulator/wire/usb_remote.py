@@ -1,8 +1,8 @@
 """USB devices of another process, as a pyusb backend over a local socket.
 
-The process that holds the bus serves it by `with UsbServer(bus, path)`. A driver in another process
-of the same user reaches it by its option backend = "simulated@PATH". A key file beside the socket,
-which other users can't read, protects it.
+`with UsbServer(bus, path)` serves a bus. A driver in another process of the same user reaches it by
+its option backend = "simulated@PATH". A key file beside the socket, which other users can't read,
+protects it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import secrets
 import threading
 from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Self
 
 from drivers.hosted.calls import CallRequest, CallResult, capture_result
@@ -24,26 +23,12 @@ from simulator.wire.usb_backend import Handle, SimulatedUsbBackend, UsbBus
 from simulator.wire.usb_plug import usb_error
 
 _FORWARDED_CALLS = (
-    "enumerate_devices",
-    "get_device_descriptor",
-    "get_configuration_descriptor",
-    "get_interface_descriptor",
-    "get_endpoint_descriptor",
-    "open_device",
-    "set_configuration",
-    "get_configuration",
-    "set_interface_altsetting",
-    "claim_interface",
-    "release_interface",
-    "is_kernel_driver_active",
-    "detach_kernel_driver",
-    "attach_kernel_driver",
-    "clear_halt",
-    "reset_device",
-    "control",
-    "read",
-    "write",
-)
+    "enumerate_devices", "get_device_descriptor", "get_configuration_descriptor",
+    "get_interface_descriptor", "get_endpoint_descriptor", "open_device", "set_configuration",
+    "get_configuration", "set_interface_altsetting", "claim_interface", "release_interface",
+    "is_kernel_driver_active", "detach_kernel_driver", "attach_kernel_driver", "clear_halt",
+    "reset_device", "control", "read", "write",
+)  # fmt: skip
 
 
 def backend_option(path: str | Path) -> str:
@@ -142,24 +127,14 @@ class RemoteBackend(SimulatedUsbBackend):
             raise AttributeError(f"a backend has no {name!r}")
         return lambda *given: self._ask(name, given)
 
-    def enumerate_devices(self) -> list[int]:
-        return list(self._ask("enumerate_devices", ()))
-
-    def get_device_descriptor(self, dev: int) -> SimpleNamespace:
-        descriptor: SimpleNamespace = self._ask("get_device_descriptor", (dev,))
-        return descriptor
-
     def control(self, handle: Handle, setup: SetupPacket, data: bytes, timeout: int) -> bytes:
-        answer: bytes = self._ask("control", (handle, setup, data, timeout), timeout)
-        return answer
+        return bytes(self._ask("control", (handle, setup, data, timeout), timeout))
 
     def read(self, handle: Handle, endpoint: int, length: int, timeout: int) -> bytes:
-        answer: bytes = self._ask("read", (handle, endpoint, length, timeout), timeout)
-        return answer
+        return bytes(self._ask("read", (handle, endpoint, length, timeout), timeout))
 
     def write(self, handle: Handle, endpoint: int, data: bytes, timeout: int) -> int:
-        taken: int = self._ask("write", (handle, endpoint, data, timeout), timeout)
-        return taken
+        return int(self._ask("write", (handle, endpoint, data, timeout), timeout))
 
     def _ask(self, name: str, given: tuple[Any, ...], timeout: int = 0) -> Any:
         """Call the bus in the other process, and return its result."""
@@ -169,7 +144,9 @@ class RemoteBackend(SimulatedUsbBackend):
                 # counts as gone.
                 answer = self._exchange(CallRequest(name, given), timeout * 1e-3 + 2.0)
             except (OSError, EOFError):
-                self._drop()
+                if self._line is not None:
+                    self._line.close()
+                self._line = None
                 # A missing process looks like a bus that was unplugged.
                 if name == "enumerate_devices":
                     return []
@@ -190,12 +167,6 @@ class RemoteBackend(SimulatedUsbBackend):
         self._line.send(request)
         answer: CallResult = self._line.receive(patience)
         return answer
-
-    def _drop(self) -> None:
-        """Close the socket to the other process."""
-        line, self._line = self._line, None
-        if line is not None:
-            line.close()
 
 
 def backend(path: str) -> RemoteBackend:

@@ -10,7 +10,7 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Device, FilterWheel, Surroundings
 from drivers.starlight_wheel import StarlightWheel
-from simulator.machines.starlight_wheel import StarlightWheelMachine
+from simulator.machines.usb_wheels import StarlightWheelMachine
 from simulator.wire.faults import WireFault
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))

@@ -9,7 +9,7 @@ from drivers.starlight_wheel import StarlightWheel
 from drivers.usb_link import UsbLink
 from drivers.usb_link.backend import load_backend
 from drivers.usb_link.error_messages import udev_rule
-from simulator.machines.starlight_wheel import StarlightWheelMachine
+from simulator.machines.usb_wheels import StarlightWheelMachine
 from simulator.wire.faults import WireFault
 
 

@@ -10,7 +10,7 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Device, FilterWheel, Surroundings
 from drivers.zwo_wheel import ZwoWheel
-from simulator.machines.zwo_wheel import ZwoWheelMachine
+from simulator.machines.usb_wheels import ZwoWheelMachine
 from simulator.wire.faults import WireFault
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))

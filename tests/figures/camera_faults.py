@@ -17,8 +17,12 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from figures import Figure
 from labapp.common.console import print_message
-from simulator.wire.camera_faults import CAMERA_FAULT_KINDS, CameraFault, CameraFaultKind
-from simulator.wire.fake_gige import FakeGigECamera
+from simulator.wire.fake_gige import (
+    CAMERA_FAULT_KINDS,
+    CameraFault,
+    CameraFaultKind,
+    FakeGigECamera,
+)
 
 _SHAPE = (64, 64)
 _MOMENTS = 20

@@ -27,12 +27,11 @@ from labapp.files.bench_file import DeviceTable
 from labapp.runs.shots import Shot
 from simulator.machines.machine import SerialMachine
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
+from simulator.machines.usb_wheels import ZwoWheelMachine
 from simulator.machines.varispec import VariSpecMachine
-from simulator.machines.zwo_wheel import ZwoWheelMachine
 from simulator.screens import xvfb
 from simulator.wire import SimulatedLine, WireFault
-from simulator.wire.camera_faults import CameraFault
-from simulator.wire.fake_gige import FakeGigECamera
+from simulator.wire.fake_gige import CameraFault, FakeGigECamera
 from simulator.wire.pty import PtyLine
 from simulator.wire.usb_backend import UsbBus
 from simulator.wire.usb_remote import UsbServer, backend_option

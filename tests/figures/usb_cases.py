@@ -9,8 +9,7 @@ from drivers.starlight_wheel import StarlightWheel
 from drivers.zwo_wheel import ZwoWheel
 from figures.wheel_commands import WHEEL, slots_nm
 from figures.wire_case import Command, WireCase, usb
-from simulator.machines.starlight_wheel import StarlightWheelMachine
-from simulator.machines.zwo_wheel import ZwoWheelMachine
+from simulator.machines.usb_wheels import StarlightWheelMachine, ZwoWheelMachine
 
 _SLOTS = 7
 _AT = 4

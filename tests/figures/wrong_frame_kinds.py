@@ -12,8 +12,7 @@ from judges import wire_frames as made
 from drivers.aravis import AravisCamera
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
-from simulator.wire.camera_faults import CameraFault
-from simulator.wire.fake_gige import FakeGigECamera
+from simulator.wire.fake_gige import CameraFault, FakeGigECamera
 
 ADDRESS = "127.0.0.1"
 

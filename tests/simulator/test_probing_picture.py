@@ -13,9 +13,8 @@ from optics.sensor import Mosaic
 from simulator.probing.picture_probe import MARGIN, PictureProbe, electron_rates
 from simulator.probing.sampled_frequencies import RadialProfile
 from simulator.scene import Cube, Dark, Flat, PhotographPrint, Sheet, Sheets, Star, UniformLight
-from simulator.scene.merging import merge_pictures
 from simulator.scene.pixel_picture import PixelPicture
-from simulator.scene.polygons import Polygons, rectangle
+from simulator.scene.polygons import Polygons, merge_pictures, rectangle
 
 CAMERA = Camera(lens=Lens(focus_distance=2.0), sensor=Sensor(shape=(24, 30), pitch=5e-6))
 NARROW = Band(550e-9, 1e-12, "open")

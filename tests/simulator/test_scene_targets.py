@@ -105,7 +105,7 @@ def test_a_cube_is_its_bands_and_between_them_linear():
     bands = np.linspace(450e-9, 650e-9, 9)
     cube = torch.tensor(np.abs(RNG.normal(size=(6, 9, 3))) @ np.abs(RNG.normal(size=(3, 9))))
     target = Cube(cube, tuple(bands), 2.0, 1.0)
-    assert len(target.images) <= 4
+    assert len(target.for_camera(CAMERA).layers[0].parts) <= 4
     for k in (0, 4, 8):
         grey = PhotographPrint(cube[..., k, None].expand(-1, -1, 3), 2.0, 1.0)
         assert seen(target, bands[k]) == pytest.approx(seen(grey, 540e-9), abs=1e-3)
@@ -116,10 +116,12 @@ def test_a_cube_is_its_bands_and_between_them_linear():
 
 def test_a_cube_of_any_rank_keeps_its_tolerance():
     cube = torch.tensor(RNG.uniform(0, 1, (10, 10, 7)))
+    bands = np.linspace(4e-7, 7e-7, 7)
     for tol in (0.3, 0.1, 1e-3, 0.0):
-        target = Cube(cube, tuple(np.linspace(4e-7, 7e-7, 7)), 2.0, 1.0, tol=tol)
+        target = Cube(cube, tuple(bands), 2.0, 1.0, tol=tol)
         again = sum(
-            image.double()[..., None] * torch.tensor(s.values)[-8:-1] for s, image in target.images
+            part.picture.image.double()[..., None] * torch.tensor(part.spectrum.at(bands))
+            for part in target.for_camera(CAMERA).layers[0].parts
         )
         error = float((again - cube).norm() / cube.norm())
         assert error <= tol + 1e-6

@@ -11,7 +11,7 @@ from optics.caching import ByteCache
 from optics.camera import Camera
 from simulator.effects.picture_norms import minimum_norms
 from simulator.effects.time_effects import Vibration
-from simulator.formation.vibration import image_vibration
+from simulator.formation.mean_picture import image_vibration
 from simulator.imaging import Imaging
 
 CACHE = ByteCache()

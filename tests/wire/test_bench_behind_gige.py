@@ -12,8 +12,7 @@ from drivers.interfaces import Surroundings
 from optics.camera import Camera, Lens, Panel, Sensor
 from simulator.devices import SimulatedCamera
 from simulator.scene import Scene, Star
-from simulator.wire.fake_gige import FakeGigECamera
-from simulator.wire.frame_rendering import frame_renderer
+from simulator.wire.fake_gige import FakeGigECamera, frame_renderer
 from simulator.world import World
 
 BENCH = Camera(

@@ -24,8 +24,12 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Surroundings
 from drivers.supervised import SupervisedCamera
-from simulator.wire.camera_faults import CAMERA_FAULT_KINDS, CameraFault, CameraFaultKind
-from simulator.wire.fake_gige import FakeGigECamera
+from simulator.wire.fake_gige import (
+    CAMERA_FAULT_KINDS,
+    CameraFault,
+    CameraFaultKind,
+    FakeGigECamera,
+)
 
 pytestmark = pytest.mark.aravis
 

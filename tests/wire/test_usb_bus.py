@@ -3,9 +3,7 @@ import usb.core
 import usb.util
 
 from simulator.clock import VirtualClock
-from simulator.machines.starlight_wheel import StarlightWheelMachine
-from simulator.machines.turning_wheel import TurningWheel
-from simulator.machines.zwo_wheel import ZwoWheelMachine
+from simulator.machines.usb_wheels import StarlightWheelMachine, TurningWheel, ZwoWheelMachine
 from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
 from simulator.wire.usb_backend import UsbBus, bus, register_bus, unregister_bus
 

@@ -11,8 +11,7 @@ from drivers.hosted.calls import CallRequest
 from drivers.interfaces import Surroundings
 from drivers.starlight_wheel import StarlightWheel
 from drivers.zwo_wheel import ZwoWheel
-from simulator.machines.starlight_wheel import StarlightWheelMachine
-from simulator.machines.zwo_wheel import ZwoWheelMachine
+from simulator.machines.usb_wheels import StarlightWheelMachine, ZwoWheelMachine
 from simulator.wire.faults import WireFault
 from simulator.wire.usb_backend import UsbBus
 from simulator.wire.usb_remote import RemoteBackend, UsbServer, backend_option
@@ -22,7 +21,7 @@ SEVEN = [[400 + 10 * i, 5] for i in range(7)]
 SERVING = """
 import sys
 from drivers.clock import RealClock
-from simulator.machines.starlight_wheel import StarlightWheelMachine
+from simulator.machines.usb_wheels import StarlightWheelMachine
 from simulator.wire.usb_backend import UsbBus
 from simulator.wire.usb_remote import UsbServer
 

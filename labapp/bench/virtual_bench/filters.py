@@ -14,10 +14,9 @@ from labapp.bench.virtual_bench.instruments import (
 from labapp.common.errors import UserError
 from labapp.files.bench_file import DeviceTable
 from simulator.devices import SimulatedFilter, SimulatedWheel
-from simulator.machines.starlight_wheel import StarlightWheelMachine
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
+from simulator.machines.usb_wheels import StarlightWheelMachine, ZwoWheelMachine
 from simulator.machines.varispec import VariSpecMachine
-from simulator.machines.zwo_wheel import ZwoWheelMachine
 from simulator.wire.usb_backend import UsbBus
 from simulator.wire.usb_remote import UsbServer, backend_option
 

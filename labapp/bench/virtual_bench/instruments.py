@@ -11,9 +11,8 @@ from typing import Any, cast
 from drivers.interfaces import Clock
 from labapp.bench.virtual_bench.shared_world import SharedWorld
 from simulator.machines.machine import SerialMachine
-from simulator.wire.camera_faults import CAMERA_FAULT_KINDS as CAMERA_KINDS
-from simulator.wire.camera_faults import CameraFault, CameraFaultKind
-from simulator.wire.fake_gige import FakeGigECamera
+from simulator.wire.fake_gige import CAMERA_FAULT_KINDS as CAMERA_KINDS
+from simulator.wire.fake_gige import CameraFault, CameraFaultKind, FakeGigECamera
 from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
 from simulator.wire.line import SimulatedLine
 from simulator.wire.pty import PtyLine

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Clock
 from labapp.common.console import print_message
-from simulator.wire.frame_rendering import frame_renderer
+from simulator.wire.fake_gige import frame_renderer
 from simulator.world import World
 
 

@@ -5,12 +5,18 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal
 
 from simulator.machines.machine import FaultyMachine, Reply
-from simulator.machines.varispec.commands import execute, parse_command, parse_integer, reply_lines
-from simulator.machines.varispec.state import CommandError, VariSpecErrorCode, VariSpecState
+from simulator.machines.varispec.commands import (
+    CommandError,
+    VariSpecErrorCode,
+    VariSpecState,
+    execute,
+    parse_command,
+    parse_integer,
+    reply_lines,
+)
 
 _ESCAPE, _BUSY, _STATUS = b"\x1b", b"!", b"@"
 
@@ -18,26 +24,13 @@ _LOWER = "VBPM"
 """Letters that some firmware answers in lower case."""
 
 
-@dataclass(frozen=True)
-class VariSpecTiming:
-    """Seconds that the work of a VariSpec takes.
+_INITIALISATION, _EXERCISE, _ABORT = 30.0, 12.0, 0.02
+"""Seconds of an initialisation, of one exercise of the liquid crystals, and of an abort by ESC.
+Chosen."""
 
-    initialisation: chosen.
-    exercise: one exercise of the liquid crystals; chosen.
-    command: any other command; the manual says "within a millisecond or two".
-    calculation_rs232: in which the RS-232 electronics calculate the drive levels of a wavelength;
-        chosen. The USB electronics take the duration of a command.
-    abort: an abort by ESC; chosen.
-    """
-
-    initialisation: float = 30.0
-    exercise: float = 12.0
-    command: float = 0.0015
-    calculation_rs232: float = 0.3
-    abort: float = 0.02
-
-
-_TIMING = VariSpecTiming()
+_COMMAND, _CALCULATION_RS232 = 0.0015, 0.3
+"""Seconds of any other command, by the manual "within a millisecond or two", and those in which the
+RS-232 electronics calculate the drive levels of a wavelength, chosen."""
 
 
 def _warm_up_temperature(t: float) -> float:
@@ -87,15 +80,10 @@ class VariSpecMachine(FaultyMachine):
         on_tuned: Callable[[float], None] = lambda wavelength: None,
     ) -> None:
         super().__init__()
-        self.serial, self.firmware = serial, firmware
-        self.terminator = terminator
-        self._calculating = {"usb": _TIMING.command, "rs232": _TIMING.calculation_rs232}[
-            electronics
-        ]
-        self._heat = temperature
-        self._initialises = initialises
-        self._tell = on_tuned
-        self._range = range_nm
+        self.serial, self.firmware, self.terminator = serial, firmware, terminator
+        self._calculating = {"usb": _COMMAND, "rs232": _CALCULATION_RS232}[electronics]
+        self._heat, self._tell = temperature, on_tuned
+        self._initialises, self._range = initialises, range_nm
         self.power_up(powered_at)
 
     def power_up(self, t: float) -> None:
@@ -107,7 +95,7 @@ class VariSpecMachine(FaultyMachine):
         self._finish: Callable[[float], list[str]] | None = None
         self._done_at = -math.inf
         if self._initialises:
-            self._begin(t, _TIMING.initialisation, self._initialise)
+            self._begin(t, _INITIALISATION, self._initialise)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
         replies = self._advance(t)
@@ -117,21 +105,25 @@ class VariSpecMachine(FaultyMachine):
         return replies
 
     def _receive_byte(self, byte: bytes, t: float) -> list[Reply]:
-        echo = Reply(t, byte)
-        awake = not self.state.asleep
-        if byte == _ESCAPE:
-            return [echo, *(self._abort(t) if awake else [])]
-        if byte == _BUSY:
-            return [echo, *([Reply(t, b"<" if self._is_busy else b">")] if awake else [])]
-        if byte == _STATUS:
-            return [echo, *([Reply(t, bytes([self._status]))] if awake else [])]
+        echo = [Reply(t, byte)]
+        if byte in (_ESCAPE, _BUSY, _STATUS):
+            if self.state.asleep:
+                return echo
+            if byte == _ESCAPE:
+                return echo + self._abort(t)
+            if byte == _STATUS:
+                # Bit 0 is set once the filter is initialised.
+                status = self.state.status & (~1 if "uninitialised" in self._faults else ~0)
+                return [*echo, Reply(t, bytes([status]))]
+            waiting = self._finish is not None or self._queue or "busy forever" in self._faults
+            return [*echo, Reply(t, b"<" if waiting else b">")]
         if byte == self.terminator:
             self._queue.append(bytes(self._line))
             self._line.clear()
         # The filter's input buffer holds 256 bytes.
         elif len(self._line) + sum(map(len, self._queue)) < 256:
             self._line += byte
-        return [echo]
+        return echo
 
     def _abort(self, t: float) -> list[Reply]:
         self._queue.clear()
@@ -139,16 +131,8 @@ class VariSpecMachine(FaultyMachine):
         if self._finish is None:
             return []
         self.state.pending = 0
-        self._begin(t, _TIMING.abort, lambda t: [])
+        self._begin(t, _ABORT, lambda t: [])
         return [Reply(self._done_at, b"")]
-
-    @property
-    def _is_busy(self) -> bool:
-        return self._finish is not None or bool(self._queue) or "busy forever" in self._faults
-
-    @property
-    def _status(self) -> int:
-        return self.state.status & ~1 if "uninitialised" in self._faults else self.state.status
 
     def _advance(self, t: float) -> list[Reply]:
         """Finish the command that is due by time t, begin waiting ones, and return the replies."""
@@ -203,18 +187,18 @@ class VariSpecMachine(FaultyMachine):
         if self.state.asleep and (letter != "A" or words == ["?"]):
             return []
         if words == ["?"]:
-            self._begin(t, _TIMING.command, lambda t: self._query_reply(letter, t))
+            self._begin(t, _COMMAND, lambda t: self._query_reply(letter, t))
         elif letter == "I":
             if parse_integer(letter, words):
                 self.state.initialised = False
-                self._begin(t, _TIMING.initialisation, self._initialise)
+                self._begin(t, _INITIALISATION, self._initialise)
             else:
-                self._begin(t, _TIMING.command, self._confirm(letter))
+                self._begin(t, _COMMAND, lambda t: self._confirm(letter, t))
         elif letter == "E":
             self.state.pending = parse_integer(letter, words)
-            self._begin(t, self.state.pending * _TIMING.exercise, self._exercise)
+            self._begin(t, self.state.pending * _EXERCISE, self._exercise)
         else:
-            seconds = self._calculating if letter in "WD" else _TIMING.command
+            seconds = self._calculating if letter in "WD" else _COMMAND
             self._begin(t, seconds, lambda t: self._execute(letter, words, t))
         return []
 
@@ -222,22 +206,21 @@ class VariSpecMachine(FaultyMachine):
         if letter in "WP" and "error code" in self._faults:
             raise CommandError(VariSpecErrorCode.NO_DRIVE_LEVELS)
         execute(self.state, letter, words, self.serial)
-        return self._confirm(letter)(t)
+        return self._confirm(letter, t)
 
     def _initialise(self, t: float) -> list[str]:
         self.state.initialised = self.state.exercised = True
         shortest, longest = self._range
-        at = self.state.wavelength or min(max(550.0, shortest), longest)
-        self.state.tune(at)
-        return self._confirm("I")(t)
+        self.state.tune(self.state.wavelength or min(max(550.0, shortest), longest))
+        return self._confirm("I", t)
 
     def _exercise(self, t: float) -> list[str]:
         self.state.pending, self.state.exercised = 0, True
-        return self._confirm("E")(t)
+        return self._confirm("E", t)
 
-    def _confirm(self, letter: str) -> Callable[[float], list[str]]:
+    def _confirm(self, letter: str, t: float) -> list[str]:
         """Make the reply to a completed command: none unless brief mode is 2."""
-        return lambda t: self._query_reply(letter, t) if self.state.brief == 2 else []
+        return self._query_reply(letter, t) if self.state.brief == 2 else []
 
     def _query_reply(self, letter: str, t: float) -> list[str]:
         told = reply_lines(self.state, letter, self.serial, self.firmware, self._heat(t))
