@@ -34,10 +34,9 @@ class BandTransmission:
 
     Parameters
     ----------
-    values : torch.Tensor or numpy.ndarray, (bands,)
-        Transmission of each band relative to the nominal response, above 0.
-    deviations : torch.Tensor or numpy.ndarray, (bands,)
-        Its standard deviation, in the same unit, 0 or more.
+    values, deviations : torch.Tensor or numpy.ndarray, (bands,)
+        Transmission of each band relative to the nominal response, above 0, and its standard
+        deviation, 0 or more.
 
     Raises
     ------
@@ -131,9 +130,9 @@ class SnapshotCalibration:
         model : SnapshotModel
             The nominal model.
         uncertainty : ModelUncertainty, optional
-            How well it is known. The default values if None.
+            How well it is known.
         transmission : BandTransmission, optional
-            The bands' transmission as measured. Indeterminate if None.
+            The bands' transmission as measured.
 
         Returns
         -------
@@ -156,7 +155,6 @@ class SnapshotCalibration:
     def with_estimates(
         self, deviation: torch.Tensor, covariance: torch.Tensor, source: str
     ) -> SnapshotCalibration:
-        """Return the calibration with other estimates from `source`."""
         return replace(self, deviation=deviation, covariance=covariance, source=source)
 
     @cached_property
@@ -204,7 +202,6 @@ class SnapshotCalibration:
 
     @property
     def relative_covariance(self) -> torch.Tensor:
-        """Covariance of `relative_deviation`."""
         return self._shift_removal @ self.covariance @ self._shift_removal.mT
 
     @property
@@ -245,31 +242,25 @@ class SnapshotCalibration:
             for band, channel in enumerate(channels.tolist()):
                 place = layout.log_ratios.start + number * model.bands + band
                 listed.append(self._ratio(band, channel, found[place], spread[place]))
-        return (*listed, *self._gains())
+        if self.transmission is not None:
+            known = zip(self.transmission.values, self.transmission.deviations, strict=True)
+            for band, (value, deviation) in enumerate(known):
+                name = f"transmission of band {band}"
+                listed.append(_additive(name, "", 1.0, value - 1, deviation))
+        return tuple(listed)
 
     def _ratio(
         self, band: int, channel: int, log: torch.Tensor, spread: torch.Tensor
     ) -> CalibratedParameter:
         """Return a ratio of two channels' responses, whose logarithm is estimated."""
         letters, first = self.model.channels, int(self.model.strongest[band])
-        response = self.model.response
-        nominal = float(response[channel, band] / response[first, band])
+        nominal = float(self.model.response[channel, band] / self.model.response[first, band])
         value, deviation = nominal * math.exp(float(log)), float(spread)
         half = math.exp(NINETY_PERCENT * deviation)
         name = f"{letters[channel]}/{letters[first]} of band {band}"
         return CalibratedParameter(
             name, "", value, nominal, value * deviation, value / half, value * half
         )
-
-    def _gains(self) -> list[CalibratedParameter]:
-        """Return the bands' transmissions as parameters, if they are known."""
-        if self.transmission is None:
-            return []
-        known = zip(self.transmission.values, self.transmission.deviations, strict=True)
-        return [
-            _additive(f"transmission of band {band}", "", 1.0, value - 1, deviation)
-            for band, (value, deviation) in enumerate(known)
-        ]
 
 
 def _additive(

@@ -56,9 +56,7 @@ class ParameterLayout:
 
     The vector holds the zeroth order's share of each band, the relative size of all coded PSFs, the
     centres' y and then x of each band in pixels, and the natural logarithms of each band's response
-    of each other channel over that of its strongest channel.
-
-    ratios: number of ratios of each band: that of the channels less 1.
+    of each other channel over that of its strongest channel: `ratios` of them for each band.
     """
 
     bands: int
@@ -66,27 +64,22 @@ class ParameterLayout:
 
     @property
     def count(self) -> int:
-        """Number of parameters."""
         return (3 + self.ratios) * self.bands + 1
 
     @property
     def zeroth_orders(self) -> slice:
-        """Places of the zeroth orders' shares."""
         return slice(0, self.bands)
 
     @property
     def scale(self) -> int:
-        """Place of the coded PSFs' relative size."""
         return self.bands
 
     @property
     def centres(self) -> slice:
-        """Places of the PSFs' centres: all y, then all x."""
         return slice(self.bands + 1, 3 * self.bands + 1)
 
     @property
     def log_ratios(self) -> slice:
-        """Places of the logarithms of the response's ratios."""
         return slice(3 * self.bands + 1, self.count)
 
     @cached_property
@@ -96,15 +89,13 @@ class ParameterLayout:
         The rows are zeroth order, size of the coded PSF, centre's y and centre's x.
         """
         band = torch.arange(self.bands)
-        first = self.centres.start
-        scale = torch.full_like(band, self.scale)
-        return torch.stack([band, scale, first + band, first + self.bands + band])
+        y = self.centres.start + band
+        return torch.stack([band, torch.full_like(band, self.scale), y, y + self.bands])
 
     @cached_property
     def ratio_places(self) -> torch.Tensor:
         """Places of the response's ratios, (ratios, bands)."""
-        every = torch.arange(self.log_ratios.start, self.log_ratios.stop)
-        return every.reshape(self.ratios, self.bands)
+        return torch.arange(self.log_ratios.start, self.count).reshape(self.ratios, self.bands)
 
     def prior_covariance(self, uncertainty: ModelUncertainty) -> torch.Tensor:
         """Return the covariance of the nominal parameters, (count, count), float64.
@@ -124,15 +115,6 @@ class ParameterLayout:
         covariance[ratios, ratios] = uncertainty.response**2 * torch.kron(shared + own, one)
         return covariance
 
-    @cached_property
-    def common_shifts(self) -> torch.Tensor:
-        """Shifts of all PSF centres together along y and along x, (2, count), float64."""
-        shifts = torch.zeros(2, self.count, dtype=torch.float64)
-        first = self.centres.start
-        for axis in (0, 1):
-            shifts[axis, first + axis * self.bands : first + (axis + 1) * self.bands] = 1
-        return shifts
-
     def shift_removal(self, shares: Sequence[torch.Tensor]) -> torch.Tensor:
         """Return the matrix that takes the common shift off, (count, count).
 
@@ -140,9 +122,9 @@ class ParameterLayout:
         along x; each sums to 1.
         """
         matrix = torch.eye(self.count, dtype=torch.float64)
-        for axis, (share, shift) in enumerate(zip(shares, self.common_shifts, strict=True)):
+        for axis, share in enumerate(shares):
             first = self.centres.start + axis * self.bands
-            matrix[:, first : first + self.bands] -= torch.outer(shift, share)
+            matrix[first : first + self.bands, first : first + self.bands] -= share
         return matrix
 
 
@@ -151,37 +133,26 @@ def move_psf(
 ) -> torch.Tensor:
     """Scale and move a PSF by cubic B-splines, differentiably in `scale` and `centre`.
 
+    `psf` is (rows, columns), float64, with its origin at n // 2, and `centre` is the place (y, x)
+    of the result's origin relative to the middle pixel. The result is `margin` pixels larger on
+    every side. Its sum is that of `psf`, unless light leaves the array.
+
     Of PSFs that are sharper than the sampling theorem asks for, as measured ones are, cubic splines
     shift the pixels' light more exactly than phases of the spectrum: with a ring or peak of a
     Gaussian profile of 0.5 or 0.6 pixels, integrated over pixels, the measured relative error is 5
     or 3 % instead of 15 or 7 %. See M. Unser, "Splines: a perfect fit for signal and image
     processing", 1999, doi 10.1109/79.799930.
-
-    The result is (rows + 2 margin, columns + 2 margin), float64. Its sum is that of `psf`, unless
-    light leaves the array.
-
-    psf: (rows, columns), float64, with its origin at n // 2.
-    scale: size of the result over that of `psf`, above 0.
-    centre: place (y, x) of the result's origin relative to the middle pixel, in pixels.
-    margin: number of pixels by which the result is larger on every side, 0 or more.
     """
-    down = _spline_matrix(psf.shape[0], margin, scale, centre[0])
-    along = _spline_matrix(psf.shape[1], margin, scale, centre[1])
-    return down @ psf @ along.mT
 
+    def axis_matrix(length: int, shift: torch.Tensor) -> torch.Tensor:
+        knots = torch.arange(length, dtype=torch.float64) - length // 2
+        pixels = torch.arange(length + 2 * margin, dtype=torch.float64) - length // 2 - margin
+        places = (pixels - shift) / scale
+        # The light per pixel falls as the PSF grows, once for each axis.
+        return _cubic_spline(places[:, None] - knots) @ _coefficient_matrix(length) / scale
 
-def _spline_matrix(
-    length: int, margin: int, scale: torch.Tensor | float, shift: torch.Tensor
-) -> torch.Tensor:
-    """Return the matrix that stretches and shifts one axis by cubic B-splines.
-
-    It is (length + 2 margin, length); index n // 2 is the origin on both axes.
-    """
-    knots = torch.arange(length, dtype=torch.float64) - length // 2
-    pixels = torch.arange(length + 2 * margin, dtype=torch.float64) - length // 2 - margin
-    places = (pixels - shift) / scale
-    # The light per pixel falls as the PSF grows, once for each axis.
-    return _cubic_spline(places[:, None] - knots) @ _coefficient_matrix(length) / scale
+    rows, columns = psf.shape
+    return axis_matrix(rows, centre[0]) @ psf @ axis_matrix(columns, centre[1]).mT
 
 
 @functools.lru_cache(maxsize=16)
@@ -211,22 +182,18 @@ class SnapshotModel:
     p_n, which is that without a pattern, and the coded PSF q_n. Both are moved to the band's
     centre, and the coded PSFs are stretched by a common scale. A band's response keeps its sum over
     the channels, while the ratios between the channels vary. `create` makes a model of arrays of
-    any kind.
+    any kind, and describes them; here all are float64.
 
     Attributes
     ----------
-    coded : torch.Tensor, (bands, rows, columns), float64
-        Coded part of the PSF of each band, origin at n // 2, with a sum of 1.
-    neutral : torch.Tensor, (bands, rows, columns), float64
-        Neutral PSF of each band, with a sum of 1.
-    zeroth_order : torch.Tensor, (bands,), float64
-        Nominal share of the zeroth order, 0 to 1.
-    response : torch.Tensor, (channels, bands), float64
-        Nominal response of each channel to each band, positive.
-    pattern : tuple of str
-        Rows of one letter per pixel, as ``("RG", "GB")``.
-    channels : str
-        Letters of the channels, in the order of `response`.
+    coded, neutral : torch.Tensor, (bands, rows, columns)
+        Coded part of the PSF of each band, and its neutral PSF, each with a sum of 1.
+    zeroth_order : torch.Tensor, (bands,)
+        Nominal share of the zeroth order.
+    response : torch.Tensor, (channels, bands)
+        Nominal response of each channel to each band.
+    pattern, channels : tuple of str, str
+        Rows of one letter per pixel that repeat; the channels' letters in the response's order.
     """
 
     coded: torch.Tensor
@@ -305,35 +272,19 @@ class SnapshotModel:
             )
         for one in (*whole, *point):
             require_psf(one)
-        return cls._of_parts(whole, point, order.expand(bands), shares, tuple(pattern), channels)
-
-    @classmethod
-    def _of_parts(
-        cls,
-        whole: torch.Tensor,
-        neutral: torch.Tensor,
-        order: torch.Tensor,
-        response: torch.Tensor,
-        pattern: tuple[str, ...],
-        channels: str,
-    ) -> SnapshotModel:
-        """Take the zeroth order off PSFs of any sum, and gather a model of the rest."""
-        whole, neutral = (one / one.sum((1, 2), keepdim=True) for one in (whole, neutral))
-        share = order[:, None, None]
+        whole, point = (one / one.sum((1, 2), keepdim=True) for one in (whole, point))
+        order = order.expand(bands)
+        coded = (whole - order[:, None, None] * point) / (1 - order[:, None, None])
         # This raises for a pattern with other letters than the channels'.
-        filter_weights(pattern, response, channels, (len(pattern), len(pattern[0])))
-        return cls(
-            (whole - share * neutral) / (1 - share), neutral, order, response, pattern, channels
-        )
+        filter_weights(pattern, shares, channels, (len(pattern), len(pattern[0])))
+        return cls(coded, point, order, shares, tuple(pattern), channels)
 
     @property
     def bands(self) -> int:
-        """Number of spectral bands."""
         return len(self.coded)
 
     @cached_property
     def layout(self) -> ParameterLayout:
-        """Layout of the vector of deviations from nominal."""
         return ParameterLayout(self.bands, len(self.response) - 1)
 
     @property
@@ -368,7 +319,7 @@ class SnapshotModel:
         return self._psfs_of_bands(deviation[self.layout.band_places])
 
     def _psfs_of_bands(self, deviations: torch.Tensor) -> torch.Tensor:
-        """Compute the PSFs for each band's own deviations, (4, bands)."""
+        """Compute the PSFs for each band's own deviations, those of band_places."""
         stack = []
         for band, (order, growth, y, x) in enumerate(deviations.mT):
             centre, share = torch.stack([y, x]), self.zeroth_order[band] + order
@@ -416,14 +367,10 @@ class SnapshotModel:
 
     def filters(self, response: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
         """Return the share of each band that each pixel transmits, (bands, rows, columns)."""
-        weights: torch.Tensor = filter_weights(self.pattern, response, self.channels, shape)
-        return weights
+        return filter_weights(self.pattern, response, self.channels, shape)
 
     def channel_masks(self, shape: Sequence[int]) -> torch.Tensor:
-        """Return 1 where pixels have each channel's filter, else 0.
-
-        The result is (channels, rows, columns), float64.
-        """
+        """Return 1 where pixels have each channel's filter, else 0; (channels, rows, columns)."""
         return self.filters(torch.eye(len(self.response), dtype=torch.float64), shape)
 
 
