@@ -64,14 +64,13 @@ def ring_psfs(
     Thesis Fig. 4.3.
     """
     require_count("count", count)
-    sharp = _stroke_width(plane, width)
 
-    def draw(scale: float) -> torch.Tensor:
+    def draw(scale: float, sharp: float) -> torch.Tensor:
         shares = [(k + 1) / count for k in range(count)]
         rings = [share * ring(plane, scale * share * radius, sharp) for share in shares]
         return torch.stack(rings).sum(0) / sum(shares)
 
-    return _draw_bands(draw, plane, wavelengths, unmodulated)
+    return _draw_bands(draw, plane, wavelengths, width, unmodulated)
 
 
 def spiral_psfs(
@@ -110,12 +109,11 @@ def spiral_psfs(
     ValueError
         If a size isn't possible, or the spiral doesn't fit on the plane.
     """
-    sharp = _stroke_width(plane, width)
 
-    def draw(scale: float) -> torch.Tensor:
+    def draw(scale: float, sharp: float) -> torch.Tensor:
         return spiral(plane, scale * radius, sharp, turns)
 
-    return _draw_bands(draw, plane, wavelengths, unmodulated)
+    return _draw_bands(draw, plane, wavelengths, width, unmodulated)
 
 
 def dot_psfs(
@@ -151,12 +149,11 @@ def dot_psfs(
     ValueError
         If there is no dot, or one doesn't fit on the plane.
     """
-    sharp = _stroke_width(plane, width)
 
-    def draw(scale: float) -> torch.Tensor:
+    def draw(scale: float, sharp: float) -> torch.Tensor:
         return dots(plane, [(scale * y, scale * x) for y, x in positions], sharp)
 
-    return _draw_bands(draw, plane, wavelengths, unmodulated)
+    return _draw_bands(draw, plane, wavelengths, width, unmodulated)
 
 
 def linear_dispersion_psfs(
@@ -216,15 +213,17 @@ def linear_dispersion_psfs(
 
 
 def _draw_bands(
-    draw: Callable[[float], torch.Tensor],
+    draw: Callable[[float, float], torch.Tensor],
     plane: Plane,
     wavelengths: Sequence[float],
+    width: float | None,
     unmodulated: float,
 ) -> torch.Tensor:
     """Draw a shape for each band, scaled by its wavelength relative to the longest."""
+    sharp = _stroke_width(plane, width)
     _require_wavelengths(wavelengths)
     longest = max(wavelengths)
-    pictures = [draw(float(one) / float(longest)) for one in wavelengths]
+    pictures = [draw(float(one) / float(longest), sharp) for one in wavelengths]
     return _add_unmodulated(torch.stack(pictures), unmodulated)
 
 
@@ -254,10 +253,7 @@ def _require_wavelengths(wavelengths: Sequence[float]) -> None:
 Merit = Callable[[torch.Tensor], float]
 """Rates a stack of PSFs, (bands, rows, columns), in dB."""
 
-_MOST_RINGS = 4
-_TURNS = (1.0, 2.0, 3.0, 4.0)
-_POLYGONS = tuple(range(2, 9))
-_MOST_DOTS = 24
+_MOST_RINGS, _TURNS, _POLYGONS, _MOST_DOTS = 4, (1.0, 2.0, 3.0, 4.0), range(2, 9), 24
 """Families that the search tries: rings, turns of a spiral, corners of a regular polygon of dots,
 and dots at random places; chosen."""
 
@@ -353,6 +349,7 @@ def search_design(
     search.try_families(progress.part(0.0, 0.2))
     search.try_random_dots(candidates, progress.part(0.2, 0.5))
     search.move_dots(steps, progress.part(0.5, 1.0))
+    assert search.best is not None
     return search.best
 
 
@@ -377,13 +374,8 @@ class _Search:
                 f"radius is {radius:g} m; dots need {2 * self._least_distance:.3g} m or more to "
                 "lie apart on these pixels"
             )
-        self._best: Design | None = None
+        self.best: Design | None = None
         self._best_dots: Design | None = None
-
-    @property
-    def best(self) -> Design:
-        assert self._best is not None
-        return self._best
 
     def try_families(self, progress: Progress) -> None:
         """Try rings, spirals, and dots at the corners of regular polygons."""
@@ -461,8 +453,8 @@ class _Search:
     ) -> Design:
         """Rate PSFs, and keep them if they are the best."""
         found = Design(name, psfs, self._merit(psfs), positions)
-        if self._best is None or found.level > self._best.level:
-            self._best = found
+        if self.best is None or found.level > self.best.level:
+            self.best = found
         return found
 
     def _is_apart(self, place: Position, others: Sequence[Position]) -> bool:
@@ -470,5 +462,4 @@ class _Search:
         return all(math.dist(place, other) >= self._least_distance for other in ((0, 0), *others))
 
     def _random(self) -> float:
-        """Draw a number between 0 and 1."""
         return float(torch.rand((), generator=self._generator, dtype=torch.float64))

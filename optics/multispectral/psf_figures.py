@@ -59,10 +59,8 @@ class FourierCoverage:
 
     Parameters
     ----------
-    least_mtf : torch.Tensor, (bands,), float64
-        Least MTF of each band over all frequencies.
-    mean_mtf : torch.Tensor, (bands,), float64
-        Mean MTF of each band over all frequencies.
+    least_mtf, mean_mtf : torch.Tensor, (bands,), float64
+        Least and mean MTF of each band over all frequencies.
     isotropy : torch.Tensor, (bands,), float64
         Squared mean of the MTF over mean of its square, both over the directions of one frequency's
         length, averaged over lengths: 1 where all directions are alike, and less elsewhere.
@@ -113,12 +111,10 @@ def fourier_coverage(psfs: Any, *, period: int = _PERIOD) -> FourierCoverage:
     length = torch.hypot(frequencies[:, None], frequencies)
     seen = length <= _NYQUIST
     inside = mtf[:, seen]
-    return FourierCoverage(
-        inside.amin(1),
-        inside.mean(1),
-        _isotropy(inside, torch.round(length[seen] * period).to(torch.int64)),
-        float(_evenness(inside, 0).mean()),
-    )
+    squares, tiny = inside.square().mean(0), torch.finfo(mtf.dtype).tiny
+    even = torch.where(squares > 0, inside.mean(0).square() / squares.clamp(min=tiny), 1.0)
+    isotropy = _isotropy(inside, torch.round(length[seen] * period).to(torch.int64))
+    return FourierCoverage(inside.amin(1), inside.mean(1), isotropy, float(even.mean()))
 
 
 def _as_stack(psfs: Any) -> torch.Tensor:
@@ -145,10 +141,3 @@ def _isotropy(mtf: torch.Tensor, rings: torch.Tensor) -> torch.Tensor:
     even = (sums.square() / (count * squares.clamp(min=torch.finfo(mtf.dtype).tiny))).clamp(max=1)
     even[dark] = 1.0
     return even.mean(1)
-
-
-def _evenness(values: torch.Tensor, dim: int) -> torch.Tensor:
-    """Return squared mean over mean square along an axis: 1 where all values are alike."""
-    squares = values.square().mean(dim)
-    even = values.mean(dim).square() / squares.clamp(min=torch.finfo(values.dtype).tiny)
-    return torch.where(squares > 0, even, 1.0)

@@ -15,17 +15,10 @@ from optics.multispectral.restoration import restore_spectra
 from optics.threads import single_threaded
 from optics.validation import require_count, require_finite, require_positive, require_unmasked
 
-_LEAST_RADIUS = 2.0
-"""Radius of the smallest disk in pixels; chosen."""
-
-_LARGEST_SHARE = 1 / 3
-"""Radius of the largest disk relative to the scene's side; chosen."""
-
-_DARKEST = 0.2
-"""Least brightness of a disk relative to its typical spectrum, for shading; chosen."""
-
-_UNCOVERED = 1e-3
-"""Share of the pixels that may be left for the last disk."""
+_LEAST_RADIUS = 2.0  # of the smallest disk in pixels; chosen
+_LARGEST_SHARE = 1 / 3  # radius of the largest disk relative to the scene's side; chosen
+_DARKEST = 0.2  # least brightness of a disk relative to its typical spectrum, for shading; chosen
+_UNCOVERED = 1e-3  # share of the pixels that may be left for the last disk
 
 
 def draw_dead_leaves(spectra: torch.Tensor, side: int, generator: torch.Generator) -> torch.Tensor:
@@ -65,30 +58,28 @@ def draw_dead_leaves(spectra: torch.Tensor, side: int, generator: torch.Generato
     def random(*shape: int) -> torch.Tensor:
         return torch.rand(shape, generator=generator, dtype=torch.float64)
 
+    def random_colour() -> torch.Tensor:
+        chance = random(2)
+        chosen = samples[int(chance[0] * len(samples))]
+        return chosen * (_DARKEST + (1 - _DARKEST) * chance[1])
+
+    def squared_distances(place: torch.Tensor) -> torch.Tensor:
+        """Return those in pixels² of rows that repeat from a place, 0 to 1."""
+        away = (torch.arange(side, dtype=torch.float64) - place * side).abs()
+        return torch.minimum(away, side - away).square()
+
     samples = spectra.to(torch.float64)
     scene = torch.zeros(samples.shape[1], side, side, dtype=torch.float64)
     bare = torch.ones(side, side, dtype=torch.bool)
     smallest, largest = 1 / _LEAST_RADIUS**2, 1 / max(_LARGEST_SHARE * side, _LEAST_RADIUS) ** 2
     while float(bare.sum()) > _UNCOVERED * bare.numel():
         squared_radius = 1 / (smallest + random() * (largest - smallest))
-        down, along = (_squared_distances(side, random()) for _ in range(2))
+        down, along = (squared_distances(random()) for _ in range(2))
         seen = bare & (down[:, None] + along < squared_radius)
-        scene[:, seen] = _random_colour(samples, random(2))[:, None]
+        scene[:, seen] = random_colour()[:, None]
         bare &= ~seen
-    scene[:, bare] = _random_colour(samples, random(2))[:, None]
+    scene[:, bare] = random_colour()[:, None]
     return scene
-
-
-def _random_colour(samples: torch.Tensor, chance: torch.Tensor) -> torch.Tensor:
-    """Return one of the typical spectra with a random brightness, from two numbers in 0 to 1."""
-    chosen = samples[int(chance[0] * len(samples))]
-    return chosen * (_DARKEST + (1 - _DARKEST) * chance[1])
-
-
-def _squared_distances(side: int, place: torch.Tensor) -> torch.Tensor:
-    """Return the squared distance in pixels² of rows that repeat from a place, 0 to 1."""
-    away = (torch.arange(side, dtype=torch.float64) - place * side).abs()
-    return torch.minimum(away, side - away).square()
 
 
 _SIDE = 96

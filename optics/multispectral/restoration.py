@@ -46,17 +46,18 @@ _LEAST_NOISE = 3e-4
 def adapt_covariance(
     observation: MosaicObservation, bands: torch.Tensor, typical: torch.Tensor
 ) -> torch.Tensor:
-    """Estimate the covariance over bands of a scene's gradients from its restoration.
+    """Estimate the covariance over bands of a scene's gradients from its restored bands.
 
-    The result is (bands, bands), float64, with a trace of 1. It is `typical`, scaled to that trace,
-    for a picture without gradients.
-
-    bands: the restored picture, (bands, rows, columns).
-    typical: covariance of typical spectra, (bands, bands), of any scale, from which the estimate
-        starts.
+    The result is (bands, bands), float64, with a trace of 1. The estimate starts from the `typical`
+    covariance, of any scale, which is the answer for a picture without gradients.
     """
     start = typical.to(torch.float64) / typical.to(torch.float64).trace()
-    restored = _gradient_moments(bands)
+    # Second moments over bands of the picture's gradients, those of a pixel.
+    restored = torch.zeros(len(bands), len(bands), dtype=torch.float64)
+    for axis in (1, 2):
+        step = bands.diff(dim=axis).flatten(1).to(torch.float64)
+        if step.numel():
+            restored += step @ step.mT / step.shape[1]
     if not float(restored.trace()) > 0:
         return start
     errors = _GradientErrors(observation)
@@ -64,16 +65,6 @@ def adapt_covariance(
     for _ in range(_STEPS):
         found = restored + errors.posterior_covariance(found)
     return (1 - _TYPICAL_SHARE) * found / found.trace() + _TYPICAL_SHARE * start
-
-
-def _gradient_moments(bands: torch.Tensor) -> torch.Tensor:
-    """Return the second moments over bands of a picture's gradients, (bands, bands), a pixel's."""
-    total = torch.zeros(len(bands), len(bands), dtype=torch.float64)
-    for axis in (1, 2):
-        step = bands.diff(dim=axis).flatten(1).to(torch.float64)
-        if step.numel():
-            total += step @ step.mT / step.shape[1]
-    return total
 
 
 class _GradientErrors:
@@ -98,10 +89,9 @@ class _GradientErrors:
         self._noise_variance = max(observation.noise, least) ** 2
 
     def posterior_covariance(self, covariance: torch.Tensor) -> torch.Tensor:
-        """Compute the covariance of the errors of a scene's gradients, (bands, bands).
+        """Compute the covariance of the errors of gradients from the scene's own, (bands, bands).
 
-        `covariance` is the scene's own. At each group of frequencies the errors have the covariance
-        C - C Aᴴ (A C Aᴴ + noise²)⁻¹ A C, with the model A.
+        At each group of frequencies it is C - C Aᴴ (A C Aᴴ + noise²)⁻¹ A C, with the model A.
         """
         crossed = self._forward @ covariance.to(self._forward)
         measured = torch.einsum(
