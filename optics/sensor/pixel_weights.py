@@ -14,44 +14,29 @@ from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
 
+OVERSAMPLING = (1.15, 1.3, 1.5)
+"""Ratios of the samples' rate to the light's Nyquist rate to choose from. Closer to 1, the weights
+reach far. Chosen; the last one reaches every tolerance."""
 
-@dataclass(frozen=True)
-class PixelIntegrationSettings:
-    """Tune the integration of light over pixels.
+WIDEST_BAND = 0.48
+"""Largest frequency in cycles per sample that weights are fitted for. Chosen."""
 
-    error_margin: relative L2 error of the light on pixels over the largest deviation of the
-        weights' transfer function along an axis: 2 axes, times 2 because a pixel averages out fine
-        fringes that count in the deviation. Derived.
-    oversampling: ratios of the samples' rate to the light's Nyquist rate to choose from. Closer to
-        1, the weights reach far. Chosen; the last one reaches every tolerance.
-    widest_band: largest frequency in cycles per sample that weights are fitted for. Chosen.
-    samples_per_digit: samples on either side of a pixel that another digit needs, times the
-        oversampling beyond 1. Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it
-        meets within a quarter.
-    first_digit_steps: samples on either side in which the error is first taken to fall to a tenth.
-        Chosen.
-    stalled_steps: steps of the search for the reach after which an error that hardly falls ends it.
-        Chosen.
-    max_reach: most samples on either side of a pixel that its weights use. Chosen: the error is
-        down to rounding there.
-    block: pixels in a row that are integrated by one matrix; measured to be the fastest. The
-        samples per pixel are whole multiples of its inverse, so that the next block needs the same
-        matrix.
-    whole_samples: samples per pixel beyond which their number is whole. Chosen.
-    """
+BLOCK = 16
+"""Pixels in a row that are integrated by one matrix; measured to be the fastest. The samples per
+pixel are whole multiples of its inverse, so that the next block needs the same matrix."""
 
-    error_margin: float = 4.0
-    oversampling: tuple[float, ...] = (1.15, 1.3, 1.5)
-    widest_band: float = 0.48
-    samples_per_digit: float = 0.75
-    first_digit_steps: float = 2.0
-    stalled_steps: int = 3
-    max_reach: int = 96
-    block: int = 16
-    whole_samples: int = 64
+_ERROR_MARGIN = 4.0
+"""Relative L2 error of the light on pixels over the largest deviation of the weights' transfer
+function along an axis: 2 axes, times 2 because a pixel averages out fine fringes that count in the
+deviation. Derived."""
 
+_SAMPLES_PER_DIGIT = 0.75
+"""Samples on either side of a pixel that another digit needs, times the oversampling beyond 1.
+Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it meets within a quarter."""
 
-PIXEL_INTEGRATION = PixelIntegrationSettings()
+_FIRST_DIGIT_STEPS = 2.0  # samples in which the error is first taken to fall to a tenth; chosen
+_STALLED_STEPS = 3  # steps of the search after which an error that hardly falls ends it; chosen
+_MAX_REACH = 96  # most samples on either side; chosen: the error is down to rounding there
 
 FIT_SECONDS = 2e-9
 """Processor seconds in which the weights of a pixel are fitted, over its samples' third power;
@@ -119,7 +104,10 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
         other frequencies than those of the fit, exceeds it only if it is beyond double precision.
     """
     # A pixel's centre between two samples is the hardest case, and one on a sample the easiest.
-    offsets = sorted({_offset(factor, pixel) for pixel in range(PIXEL_INTEGRATION.block)}, key=abs)
+    # How far the pixels' centres lie beyond the nearest sample, in samples:
+    centres = [pixel * factor for pixel in range(BLOCK)]
+    by_pixel = [float(one - math.floor(one + Fraction(1, 2))) for one in centres]
+    offsets = sorted(set(by_pixel), key=abs)
     tried: dict[tuple[int, float], tuple[NDArray[np.float64], float]] = {}
 
     def fit(reach: int, offset: float) -> tuple[NDArray[np.float64], float]:
@@ -132,7 +120,7 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
 
     first = math.ceil(factor) // 2 + 1
     expected = max(first, math.floor(expected_reach(0.5 / band, tol)))
-    most = first + PIXEL_INTEGRATION.max_reach - 1
+    most = first + _MAX_REACH - 1
     reach = _least_reach(lambda one: fit(one, offsets[-1])[1], first, expected, most, tol)
     # An easier case may need a sample more, where rounding rules.
     while reach < most and fit(reach, offsets[-1])[1] <= tol:
@@ -140,7 +128,7 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
             break
         reach += 1
     found = {one: fit(reach, one) for one in offsets}
-    rows = [found[_offset(factor, pixel)][0] for pixel in range(PIXEL_INTEGRATION.block)]
+    rows = [found[offset][0] for offset in by_pixel]
     error = max(one[1] for one in found.values())
     fits = tuple(size if offset else size / 2 for size, offset in tried)
     return PixelWeights(torch.from_numpy(np.stack(rows)), factor, error, fits)
@@ -165,7 +153,7 @@ def _least_reach(
         else:
             short = reach
         # A reach that gains nothing more has met rounding, which longer ones don't pass.
-        if enough > most and len(tried) > PIXEL_INTEGRATION.stalled_steps:
+        if enough > most and len(tried) > _STALLED_STEPS:
             *_, before, last = sorted(tried)
             if tried[last] > 0.5 * tried[before]:
                 break
@@ -177,27 +165,17 @@ def _least_reach(
 def _step_towards(tol: float, tried: dict[int, float], reach: int) -> int:
     """Return by how much the weights shall reach farther for a tolerance; negative for less.
 
-    tried: errors by reach. The slope is that of the two reaches that were tried next to `reach`.
+    The slope is that of the errors at the two reaches that were `tried` next to `reach`.
     """
     digits = math.log10(max(tried[reach], 1e-300) / max(tol, 1e-300))
-    others = sorted((one for one in tried if one != reach), key=lambda one: abs(one - reach))
-    slope = 1 / PIXEL_INTEGRATION.first_digit_steps
+    slope = 1 / _FIRST_DIGIT_STEPS
+    others = [one for one in tried if one != reach]
     if others:
-        other = others[0]
+        other = min(others, key=lambda one: abs(one - reach))
         fall = math.log10(max(tried[other], 1e-300) / max(tried[reach], 1e-300)) / (reach - other)
         slope = fall if fall > 0 else slope
     step = digits / slope
     return math.ceil(step) if step > 0 else min(math.ceil(step), -1)
-
-
-def _offset(factor: Fraction, pixel: int) -> float:
-    """Return how far the centre of a pixel lies beyond the nearest sample, in samples."""
-    return float(pixel * factor - _nearest_sample(factor, pixel))
-
-
-def _nearest_sample(factor: Fraction, pixel: int) -> int:
-    """Return the number of the sample next to a pixel's centre, from the first pixel's."""
-    return math.floor(pixel * factor + Fraction(1, 2))
 
 
 def _fit_weights(
@@ -225,9 +203,7 @@ def _fit_weights(
         )
         deviation = _cosines(judged, reach) @ half / width - np.sinc(width * judged)
         weights = np.concatenate((half[:0:-1], half))
-    return np.asarray(weights, dtype=np.float64), PIXEL_INTEGRATION.error_margin * float(
-        np.abs(deviation).max()
-    )
+    return np.asarray(weights, dtype=np.float64), _ERROR_MARGIN * float(np.abs(deviation).max())
 
 
 def _waves(frequency: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -249,4 +225,4 @@ def _cosines(frequency: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
 def expected_reach(oversampling: float, tol: float) -> float:
     """Estimate how far the weights of a pixel reach, in samples."""
     digits = -math.log10(tol) if tol > 1e-16 else 16.0
-    return PIXEL_INTEGRATION.samples_per_digit * max(digits, 0.0) / max(oversampling - 1, 0.05)
+    return _SAMPLES_PER_DIGIT * max(digits, 0.0) / max(oversampling - 1, 0.05)
