@@ -14,7 +14,7 @@ from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
 from optics.hdr.exposure_snr import ExposureSNR, from_decibels
 from optics.hdr.rate_distribution import RateDistribution, rate_distribution
 from optics.measuring.spots import frame_variance, without_hot_pixels
-from optics.sensor.pile import top_pile
+from optics.sensor.readout import top_pile
 from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]

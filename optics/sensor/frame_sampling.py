@@ -115,7 +115,12 @@ def sample_frame(
     counted = counted + held.offset
     if stages.read_noise and sensor.read_noise:
         counted = counted + sensor.read_noise * _normal(mean, generator)
-    return _digitise(counted, sensor, stages)
+    number = counted / sensor.gain + sensor.black_level
+    if stages.quantisation:
+        number = torch.round(number)
+    if stages.clipping:
+        number = number.clamp(0, sensor.top_number)
+    return number.to(torch.int32) if stages.quantisation else number
 
 
 def electrons_from_normal(
@@ -123,12 +128,11 @@ def electrons_from_normal(
 ) -> torch.Tensor:
     """Convert standard normal numbers to shot noise: whole electrons around a mean.
 
-    mean: expected electrons, FEW_ELECTRONS or more. noise: standard normal numbers of the same
-    shape. With "Gaussian", mean and variance are Poisson's, and the distribution differs by
-    0.07/√mean (Kolmogorov). With "skewed", the third and fourth moments are corrected too, which
-    leaves a difference of 3e-4 at ten electrons and 2e-5 at sixty (Cornish and Fisher 1937, Rev.
-    Inst. Int. Stat. 5, 307). Both are made narrower by as much as rounding widens them (Sheppard
-    1898).
+    The mean is FEW_ELECTRONS or more. With "Gaussian", mean and variance are Poisson's, and the
+    distribution differs by 0.07/√mean (Kolmogorov). With "skewed", the third and fourth moments are
+    corrected too, which leaves a difference of 3e-4 at ten electrons and 2e-5 at sixty (Cornish and
+    Fisher 1937, Rev. Inst. Int. Stat. 5, 307). Both are made narrower by as much as rounding widens
+    them (Sheppard 1898).
     """
     counted = torch.addcmul(mean, mean / (mean + _ROUNDING_VARIANCE).sqrt(), noise)
     if shot == "skewed":
@@ -158,13 +162,3 @@ def _sample_electrons(
 
 def _normal(like: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     return torch.randn(like.shape, generator=generator, dtype=like.dtype)
-
-
-def _digitise(electrons: torch.Tensor, sensor: Sensor, stages: Stages) -> torch.Tensor:
-    """Convert electrons to digital numbers, as the ADC does."""
-    number = electrons / sensor.gain + sensor.black_level
-    if stages.quantisation:
-        number = torch.round(number)
-    if stages.clipping:
-        number = number.clamp(0, sensor.top_number)
-    return number.to(torch.int32) if stages.quantisation else number

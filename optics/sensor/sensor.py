@@ -102,25 +102,25 @@ _MAX_CROSSTALK = 0.25
 class Sensor:
     """Describes a sensor in the quantities of EMVA 1288.
 
-    shape: (rows, columns). pitch: metres. bits: of the digital number. full_well:
-    electrons. gain: electrons per digital number. read_noise: electrons, standard
-    deviation. dark_current: electrons per second. black_level: digital number of no
-    light. quantum_efficiency: electrons per photon. exposure_range: seconds.
     The defaults are those of a 3.45 µm machine-vision sensor.
 
-    spectral_efficiency: electrons per photon by wavelength; None for quantum_efficiency at all
-    wavelengths. colour: mosaic of colour filters, whose curves replace spectral_efficiency; None
-    for a monochrome sensor. prnu: standard deviation of the pixels' response, relative. dsnu:
-    standard deviation of the pixels' offsets in darkness, electrons. dead: share of pixels that
-    don't respond to light. hot: share of pixels whose dark current is higher by hot_current
-    electrons per second. fixed_seed: seed of the maps of these four, one for each camera. shutter:
-    "global", or "rolling" with line_time seconds from row to row. model: name of the sensor.
-    clip_level: digital number at which the converter ends, if that isn't the largest number of so
-    many bits: 65520 for a converter of 12 bits whose numbers are sent as 16; None if it is.
-    crosstalk: share of a pixel's electrons that each of its neighbours in the row and in the column
-    collects. dust: specks on the cover glass, (y, x, diameter) in metres from the sensor's middle;
-    dust_distance: metres of air, or of glass over its index, from the specks to the pixels. Only
-    the simulator uses these.
+    shape: (rows, columns). pitch: metres. bits: of the digital number. full_well: electrons. gain:
+    electrons per digital number. read_noise: electrons, standard deviation. dark_current: electrons
+    per second. black_level: digital number of no light. quantum_efficiency: electrons per photon.
+    exposure_range: seconds. spectral_efficiency: electrons per photon by wavelength; None for
+    quantum_efficiency at all wavelengths. colour: mosaic of colour filters, whose curves replace
+    spectral_efficiency; None for a monochrome sensor. prnu: standard deviation of the pixels'
+    response, relative. dsnu: standard deviation of the pixels' offsets in darkness, electrons.
+    dead: share of pixels that don't respond to light. hot: share of pixels whose dark current is
+    higher by hot_current electrons per second. fixed_seed: seed of the maps of these four, one for
+    each camera. shutter: "global", or "rolling" with line_time seconds from row to row. model: name
+    of the sensor. clip_level: digital number at which the converter ends, if that isn't the largest
+    number of so many bits: 65520 for a converter of 12 bits whose numbers are sent as 16.
+
+    Only the simulator uses the rest. crosstalk: share of a pixel's electrons that each of its
+    neighbours in the row and in the column collects. dust: specks on the cover glass, (y, x,
+    diameter) in metres from the sensor's middle; dust_distance: metres of air, or of glass over its
+    index, from the specks to the pixels.
     """
 
     shape: tuple[int, int] = (512, 768)

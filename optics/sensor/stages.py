@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 from weakref import WeakKeyDictionary
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from optics.sensor.sensor import Sensor
 from optics.validation import require_finite, require_positive
@@ -32,10 +34,8 @@ class FixedPattern:
     ----------
     response : torch.Tensor, (rows, columns), float32
         Factor on a pixel's response to light: 1 + PRNU, and 0 for a dead pixel.
-    offset_steps : torch.Tensor, (rows, columns), int8
-        DSNU: the offset that a pixel reads too much, in steps of `electrons_per_step`.
-    electrons_per_step : float
-        Electrons in one step of the offset.
+    offset_steps, electrons_per_step : torch.Tensor, (rows, columns), int8, and float
+        DSNU: the offset that a pixel reads too much, in steps of so many electrons.
     hot_current : torch.Tensor, (rows, columns), float32
         Electrons per second that hot pixels have beyond the dark current.
     """
@@ -94,28 +94,24 @@ def fixed_pattern(sensor: Sensor) -> FixedPattern:
     EMVA 1288 release 4, section 4.
     """
     found = _cached_patterns.get(sensor)
-    if found is None:
-        found = _cached_patterns[sensor] = _generate_pattern(sensor)
-    return found
-
-
-def _generate_pattern(sensor: Sensor) -> FixedPattern:
+    if found is not None:
+        return found
     generator = torch.Generator().manual_seed(sensor.fixed_seed)
     shape = sensor.shape
-    gain = 1 + sensor.prnu * _normal(shape, generator)
-    width = math.sqrt(_OFFSET_STEPS**2 - 1 / 12)
-    steps = torch.round(width * _normal(shape, generator)).to(torch.int8)
+    first, second = (
+        torch.randn(shape, generator=generator).clamp(-_MAX_DEVIATIONS, _MAX_DEVIATIONS)
+        for _ in range(2)
+    )
     chance = torch.rand(shape, generator=generator, dtype=torch.float64)
     # One random number per pixel decides both, so that no pixel is dead and hot.
-    gain[chance < sensor.dead] = 0.0
+    response = (1 + sensor.prnu * first).masked_fill_(chance < sensor.dead, 0.0).clamp(min=0.0)
     hot = chance > 1 - sensor.hot if sensor.hot else torch.zeros(shape, dtype=torch.bool)
-    return FixedPattern(
-        gain.clamp(min=0.0), steps, sensor.dsnu / _OFFSET_STEPS, hot * float(sensor.hot_current)
+    steps = torch.round(math.sqrt(_OFFSET_STEPS**2 - 1 / 12) * second).to(torch.int8)
+    found = FixedPattern(
+        response, steps, sensor.dsnu / _OFFSET_STEPS, hot * float(sensor.hot_current)
     )
-
-
-def _normal(shape: tuple[int, int], generator: torch.Generator) -> torch.Tensor:
-    return torch.randn(shape, generator=generator).clamp(-_MAX_DEVIATIONS, _MAX_DEVIATIONS)
+    _cached_patterns[sensor] = found
+    return found
 
 
 ShotNoise = Literal["none", "Gaussian", "skewed", "Poisson"]
@@ -188,11 +184,9 @@ class CollectedCharge:
     @property
     def offset(self) -> torch.Tensor | float:
         """Offsets of the pixels in electrons, float64; 0 where there are none."""
-        return (
-            0.0
-            if self.offset_steps is None
-            else self.offset_steps.to(torch.float64) * self.electrons_per_step
-        )
+        if self.offset_steps is None:
+            return 0.0
+        return self.offset_steps.to(torch.float64) * self.electrons_per_step
 
 
 def collect_electrons(
@@ -200,9 +194,9 @@ def collect_electrons(
 ) -> CollectedCharge:
     """Compute the expected photoelectrons of each pixel at the end of an exposure.
 
-    electrons: from light, over the exposure, of any shape; (rows, columns) of the whole sensor if
-    its pixels differ. Negative ones count as zero. Raises ValueError for numbers that aren't
-    finite, and for a picture of another shape.
+    The electrons from light may have any shape; if pixels differ, that of the whole sensor.
+    Negative ones count as zero. Raises ValueError for numbers that aren't finite, and for a picture
+    of another shape.
     """
     require_positive("exposure", exposure, "s")
     require_finite("electrons", electrons)
@@ -221,3 +215,30 @@ def collect_electrons(
         mean = mean + pattern.hot_current * exposure
     steps = pattern.offset_steps if sensor.dsnu else None
     return CollectedCharge(mean, steps, pattern.electrons_per_step)
+
+
+def mix_neighbours(electrons: torch.Tensor, share: float) -> torch.Tensor:
+    """Return the electrons that pixels collect when each loses some to its neighbours: crosstalk.
+
+    Along rows and along columns, the two neighbours of a pixel get `share` of its electrons each,
+    0 to 1/4. Pixels beyond the sensor's edge are taken to be as bright as those at the edge, so
+    that no light is lost there. Djité et al. 2012, Theoretical models of modulation transfer
+    function, quantum efficiency, and crosstalk for CCD and CMOS image sensors.
+    """
+    for axis in (-2, -1):
+        count = electrons.shape[axis]
+        before = torch.arange(-1, count - 1).clamp(min=0)
+        after = torch.arange(1, count + 1).clamp(max=count - 1)
+        beside = electrons.index_select(axis, before) + electrons.index_select(axis, after)
+        electrons = (1 - 2 * share) * electrons + share * beside
+    return electrons
+
+
+def max_contrast_loss(
+    share: float, frequency: NDArray[np.float64], pitch: float
+) -> NDArray[np.float64]:
+    """Bound what crosstalk takes of the MTF, at cycles per metre in any direction.
+
+    The MTF is the product of 1 - 2 share (1 - cos 2π f pitch) along both axes.
+    """
+    return np.minimum(share * (2 * np.pi * frequency * pitch) ** 2, 1 - (1 - 4 * share) ** 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from optics.sensor.crosstalk import max_contrast_loss
+from optics.sensor.stages import max_contrast_loss
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
     finest_octave_norm,

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from optics.sensor.shutter import row_delay
+from optics.sensor.readout import row_delay
 from simulator.effects.blur_effects import MAX_SINC_LOSS
 from simulator.effects.electron_bounds import (
     is_lamp_flickering,

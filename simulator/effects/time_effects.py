@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from optics.light.waveform import Waveform
-from optics.sensor.shutter import row_delay, row_starts
+from optics.sensor.readout import row_delay, row_starts
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
     is_lamp_flickering,

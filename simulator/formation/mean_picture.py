@@ -9,7 +9,7 @@ import torch
 
 from optics.caching import ByteCache
 from optics.camera.ghost import total_share
-from optics.sensor.crosstalk import mix_neighbours
+from optics.sensor.stages import mix_neighbours
 from simulator.formation.coarse_orders import CoarseOrders
 from simulator.formation.compositing import (
     AdditiveCompositor,
