@@ -34,31 +34,15 @@ def as_float64(values: Any) -> torch.Tensor:
 def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Find the map cells before and behind each pixel along an axis, and the pixel's position.
 
-    The position is the share, from 0 to 1, of the way between the centres of the two cells. The
-    cells are equally wide and cover all pixels. A pixel beyond the outermost centre gets the
-    outermost cell alone. Returns two tensors of indices, int64, and the shares, float64, each
-    (pixels,).
+    The position is the share, from 0 to 1, of the way between the centres of the two cells, of
+    equally wide ones that cover all pixels. A pixel beyond the outermost centre gets the outermost
+    cell alone. Returns two tensors of indices, int64, and the shares, float64, each (pixels,).
     """
     centre = (torch.arange(pixels, dtype=torch.float64) + 0.5) * (cells / pixels) - 0.5
     centre = centre.clamp(0, cells - 1)
     before = centre.floor().to(torch.int64)
     behind = (before + 1).clamp(max=cells - 1)
     return before, behind, centre - before
-
-
-def interpolate_cells(values: torch.Tensor, pixels: int, axis: int) -> torch.Tensor:
-    """Interpolate a map's cell values along an axis to pixels, linearly.
-
-    The values are constant beyond the outermost cells' centres.
-    """
-    if values.shape[axis] == pixels:
-        return values
-    before, behind, share = neighbouring_cells(values.shape[axis], pixels)
-    lengths = [1] * values.ndim
-    lengths[axis] = pixels
-    share = share.to(values).reshape(lengths)
-    low, high = values.index_select(axis, before), values.index_select(axis, behind)
-    return low + share * (high - low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +79,13 @@ class PanelMap:
 
         The values are bilinear between the cells' centres and constant beyond the outermost ones.
         """
-        rows, columns = panel.shape
-        return interpolate_cells(interpolate_cells(self.values, rows, 0), columns, 1)
+        values = self.values
+        for axis, pixels in enumerate(panel.shape):
+            if values.shape[axis] != pixels:
+                before, behind, share = neighbouring_cells(values.shape[axis], pixels)
+                low, high = values.index_select(axis, before), values.index_select(axis, behind)
+                values = low + (share if axis else share[:, None]) * (high - low)
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +186,6 @@ class PhaseResponse:
 
     @property
     def levels(self) -> int:
-        """Number of grey levels."""
         return self.shares.shape[-1]
 
     @property
@@ -206,10 +194,7 @@ class PhaseResponse:
         return self.shares.shape[1], self.shares.shape[2]
 
     def at(self, wavelength: float) -> torch.Tensor:
-        """Interpolate the curves at a wavelength, as shares of the highest phase.
-
-        The result is (region rows, region columns, levels). wavelength: metres.
-        """
+        """Interpolate the shares at a wavelength, (region rows, region columns, levels)."""
         order = sorted(range(len(self.wavelengths)), key=lambda k: self.wavelengths[k])
         known = [self.wavelengths[k] for k in order]
         if wavelength <= known[0]:
@@ -324,29 +309,17 @@ class Panel:
         require_positive("fill_factor", self.fill_factor, "")
         require_positive("frame_rate", self.frame_rate, "Hz")
         for name in (
-            "fill_factor",
-            "unmodulated",
-            "reflectivity",
-            "flicker",
-            "front_reflection",
+            "fill_factor", "unmodulated", "reflectivity", "flicker", "front_reflection",
             "gap_reflection",
-        ):
+        ):  # fmt: skip
             require_share(name, getattr(self, name))
         require_size("fill_factor", "fill_factor", self.fill_factor)
         for name, unit in (("response_time", "s"), ("coupling", "m"), ("jitter", "rad")):
-            _require_amount(name, getattr(self, name), unit)
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} is {value:g} {unit}; it can't be negative or infinite")
         if not 2 <= self.levels <= 256:
             raise ValueError(f"levels is {self.levels}; a panel has at least 2 and at most 256")
-        self._require_range()
-        self._require_consistent_effects()
-        Plane(self.shape, (self.pitch, self.pitch))
-        if math.prod(self.shape) > _MOST_PIXELS:
-            raise ValueError(
-                f"shape {self.shape} has {math.prod(self.shape):.3g} pixels; give (rows, columns) "
-                f"of {_MOST_PIXELS:g} pixels at most"
-            )
-
-    def _require_range(self) -> None:
         if not self.max_phase:
             raise ValueError("max_phase is empty; give the phase range at one wavelength or more")
         for wavelength, phase in self.max_phase:
@@ -358,6 +331,13 @@ class Panel:
                 raise ValueError(
                     f"max_phase has {wavelength * 1e9:g} nm more than once; give it once"
                 )
+        self._require_consistent_effects()
+        Plane(self.shape, (self.pitch, self.pitch))
+        if math.prod(self.shape) > _MOST_PIXELS:
+            raise ValueError(
+                f"shape {self.shape} has {math.prod(self.shape):.3g} pixels; give (rows, columns) "
+                f"of {_MOST_PIXELS:g} pixels at most"
+            )
 
     def _require_consistent_effects(self) -> None:
         """Raise ValueError if values contradict each other."""
@@ -392,11 +372,6 @@ class Panel:
     def active_side(self) -> float:
         """Side of the active square in each pixel, in metres."""
         return math.sqrt(self.fill_factor) * self.pitch
-
-
-def _require_amount(name: str, value: float, unit: str) -> None:
-    if not 0 <= value < math.inf:
-        raise ValueError(f"{name} is {value:g} {unit}; it can't be negative or infinite")
 
 
 def max_phase(panel: Panel, wavelength: float) -> float:
@@ -449,10 +424,9 @@ def max_phase(panel: Panel, wavelength: float) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _cauchy(table: tuple[tuple[float, float], ...]) -> tuple[float, tuple[float, ...]]:
-    """Fit the Cauchy equation of the liquid crystal's path over wavelengths.
+    """Fit the Cauchy equation of the liquid crystal's path: unit and coefficients.
 
-    Returns the wavelength that serves as the unit, and the coefficients of the powers of (unit /
-    wavelength)².
+    The coefficients are those of the powers of (unit / wavelength)².
     """
     known, path = np.array([(w, phase * w) for w, phase in sorted(table)]).T
     unit = float(known.mean())
