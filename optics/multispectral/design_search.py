@@ -36,14 +36,10 @@ def ring_psfs(
 
     Parameters
     ----------
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres.
-    radius : float
-        Radius of the largest ring at the longest wavelength, metres.
-    count : int, default 1
-        Number of rings.
+    plane, wavelengths : Plane, sequence of float
+        Pixels of the sensor around the axis, and the wavelength of each band in metres.
+    radius, count : float, int
+        Radius of the largest ring at the longest wavelength, metres; number of rings.
     width : float, optional
         Standard deviation across a ring, metres; 0.6 pixels if None.
     unmodulated : float, default 0.0
@@ -86,18 +82,11 @@ def spiral_psfs(
 
     Parameters
     ----------
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres.
-    radius : float
-        Largest distance from the axis at the longest wavelength, metres.
-    turns : float, default 3.0
-        Number of turns, from the axis outwards.
-    width : float, optional
-        Standard deviation across the stroke, metres; 0.6 pixels if None.
-    unmodulated : float, default 0.0
-        Share of the light that stays on the axis, 0 to 1.
+    plane, wavelengths, width, unmodulated
+        As of `ring_psfs`.
+    radius, turns : float
+        Largest distance from the axis at the longest wavelength, metres; number of turns, from the
+        axis outwards.
 
     Returns
     -------
@@ -128,16 +117,10 @@ def dot_psfs(
 
     Parameters
     ----------
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres.
+    plane, wavelengths, width, unmodulated
+        As of `ring_psfs`.
     positions : sequence of tuple of float
         (y, x) of each dot at the longest wavelength, metres.
-    width : float, optional
-        Standard deviation of a dot, metres; 0.6 pixels if None.
-    unmodulated : float, default 0.0
-        Share of the light that stays on the axis, 0 to 1.
 
     Returns
     -------
@@ -169,18 +152,12 @@ def linear_dispersion_psfs(
 
     Parameters
     ----------
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres; two that differ, or more.
+    plane, wavelengths, width, unmodulated
+        As of `ring_psfs`; two wavelengths that differ, or more.
     radius : float
         Distance from the axis of the shortest and of the longest wavelength, metres.
     direction : float, default 0.0
         Angle in radians from x towards y, towards which longer waves move.
-    width : float, optional
-        Standard deviation of the dot, metres; 0.6 pixels if None.
-    unmodulated : float, default 0.0
-        Share of the light that stays on the axis, 0 to 1.
 
     Returns
     -------
@@ -272,10 +249,8 @@ class Design:
 
     Parameters
     ----------
-    name : str
-        The design in words.
-    psfs : torch.Tensor, (bands, rows, columns), float64
-        PSF of each band.
+    name, psfs : str, torch.Tensor, (bands, rows, columns), float64
+        The design in words, and the PSF of each band.
     level : float
         Merit of the PSFs, the expected mean PSNR of the bands in dB.
     positions : tuple of tuple of float
@@ -312,20 +287,14 @@ def search_design(
     ----------
     merit : callable
         Rates PSFs, (bands, rows, columns), by a level in dB: see `PsfMerit`.
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres.
+    plane, wavelengths, unmodulated
+        As of `ring_psfs`.
     radius : float
         Largest distance from the axis at the longest wavelength, metres.
-    unmodulated : float
-        Share of the light that stays on the axis, 0 to 1.
     generator : torch.Generator
         Source of random numbers.
-    candidates : int, default 40
-        Number of random sets of dots.
-    steps : int, default 100
-        Number of moves that are tried.
+    candidates, steps : int, default 40, 100
+        Number of random sets of dots, and of moves that are tried.
     progress : Progress, optional
         Receives reports, and can cancel the work.
 
@@ -353,46 +322,41 @@ def search_design(
     return search.best
 
 
+@dataclass(eq=False)
 class _Search:
     """What a search is given, and the best designs so far."""
 
-    def __init__(
-        self,
-        merit: Merit,
-        plane: Plane,
-        wavelengths: Sequence[float],
-        radius: float,
-        unmodulated: float,
-        generator: torch.Generator,
-    ) -> None:
-        self._merit, self._plane, self._wavelengths = merit, plane, wavelengths
-        self._radius, self._unmodulated, self._generator = radius, unmodulated, generator
-        shortest = min(wavelengths) / max(wavelengths)
-        self._least_distance = _LEAST_DISTANCE * max(plane.pitch) / shortest
-        if radius < 2 * self._least_distance:
+    merit: Merit
+    plane: Plane
+    wavelengths: Sequence[float]
+    radius: float
+    unmodulated: float
+    generator: torch.Generator
+    best: Design | None = None
+    best_dots: Design | None = None
+
+    def __post_init__(self) -> None:
+        shortest = min(self.wavelengths) / max(self.wavelengths)
+        self._least_distance = _LEAST_DISTANCE * max(self.plane.pitch) / shortest
+        if self.radius < 2 * self._least_distance:
             raise ValueError(
-                f"radius is {radius:g} m; dots need {2 * self._least_distance:.3g} m or more to "
-                "lie apart on these pixels"
+                f"radius is {self.radius:g} m; dots need {2 * self._least_distance:.3g} m or more "
+                "to lie apart on these pixels"
             )
-        self.best: Design | None = None
-        self._best_dots: Design | None = None
 
     def try_families(self, progress: Progress) -> None:
         """Try rings, spirals, and dots at the corners of regular polygons."""
-        given, share = (self._plane, self._wavelengths, self._radius), self._unmodulated
+        given, share = (self.plane, self.wavelengths, self.radius), self.unmodulated
         for count in range(1, _MOST_RINGS + 1):
             self._keep_better(f"{count} rings", ring_psfs(*given, count=count, unmodulated=share))
             progress.report(0.25 * count / _MOST_RINGS, "rings")
         for turns in _TURNS:
-            self._keep_better(
-                f"spiral of {turns:g} turns", spiral_psfs(*given, turns=turns, unmodulated=share)
-            )
+            psfs = spiral_psfs(*given, turns=turns, unmodulated=share)
+            self._keep_better(f"spiral of {turns:g} turns", psfs)
             progress.report(0.5, "spirals")
         for corners in _POLYGONS:
             angles = [2 * math.pi * k / corners for k in range(corners)]
-            self._try_dots(
-                [(self._radius * math.sin(a), self._radius * math.cos(a)) for a in angles]
-            )
+            self._try_dots([_at_angle(self.radius, angle) for angle in angles])
             progress.report(1.0, "polygons of dots")
 
     def try_random_dots(self, candidates: int, progress: Progress) -> None:
@@ -401,9 +365,8 @@ class _Search:
             count = round(_MOST_DOTS ** self._random())
             positions = list[Position]()
             for _ in range(10 * count):
-                distance = self._radius * math.sqrt(self._random())
-                angle = 2 * math.pi * self._random()
-                place = distance * math.sin(angle), distance * math.cos(angle)
+                distance = self.radius * math.sqrt(self._random())
+                place = _at_angle(distance, 2 * math.pi * self._random())
                 if len(positions) < count and self._is_apart(place, positions):
                     positions.append(place)
             if positions:
@@ -414,13 +377,13 @@ class _Search:
         """Move, add or remove single dots of the best design that is made of dots."""
         for n in range(steps):
             step = _FIRST_STEP * (_LAST_STEP / _FIRST_STEP) ** (n / steps)
-            self._try_dots(self._changed_dots(step * self._radius))
+            self._try_dots(self._changed_dots(step * self.radius))
             progress.report((n + 1) / steps, f"moves of dots {n + 1}/{steps}")
 
     def _changed_dots(self, step: float) -> list[Position]:
         """Return the best dots after a random change of one of them."""
-        assert self._best_dots is not None
-        positions = list(self._best_dots.positions)
+        assert self.best_dots is not None
+        positions = list(self.best_dots.positions)
         chosen = positions[int(self._random() * len(positions))]
         kind = self._random()
         if kind < 0.8 or (kind < 0.9 and len(positions) == 1):
@@ -428,7 +391,7 @@ class _Search:
         elif kind < 0.9:
             positions.remove(chosen)
             return positions
-        shift = torch.randn(2, generator=self._generator, dtype=torch.float64).tolist()
+        shift = torch.randn(2, generator=self.generator, dtype=torch.float64).tolist()
         place = chosen[0] + step * shift[0], chosen[1] + step * shift[1]
         return [*positions, place] if self._is_apart(place, positions) else [*positions, chosen]
 
@@ -439,20 +402,20 @@ class _Search:
         farthest = max(math.hypot(*place) for place in around)
         if farthest < self._least_distance:
             return
-        scale = self._radius / farthest
+        scale = self.radius / farthest
         placed = tuple((scale * y, scale * x) for y, x in around)
         if not all(self._is_apart(p, [q for q in placed if q != p]) for p in placed):
             return
-        psfs = dot_psfs(self._plane, self._wavelengths, placed, unmodulated=self._unmodulated)
+        psfs = dot_psfs(self.plane, self.wavelengths, placed, unmodulated=self.unmodulated)
         found = self._keep_better(f"{len(placed)} dots", psfs, placed)
-        if self._best_dots is None or found.level > self._best_dots.level:
-            self._best_dots = found
+        if self.best_dots is None or found.level > self.best_dots.level:
+            self.best_dots = found
 
     def _keep_better(
         self, name: str, psfs: torch.Tensor, positions: tuple[Position, ...] = ()
     ) -> Design:
         """Rate PSFs, and keep them if they are the best."""
-        found = Design(name, psfs, self._merit(psfs), positions)
+        found = Design(name, psfs, self.merit(psfs), positions)
         if self.best is None or found.level > self.best.level:
             self.best = found
         return found
@@ -462,4 +425,8 @@ class _Search:
         return all(math.dist(place, other) >= self._least_distance for other in ((0, 0), *others))
 
     def _random(self) -> float:
-        return float(torch.rand((), generator=self._generator, dtype=torch.float64))
+        return float(torch.rand((), generator=self.generator, dtype=torch.float64))
+
+
+def _at_angle(distance: float, angle: float) -> Position:
+    return distance * math.sin(angle), distance * math.cos(angle)
