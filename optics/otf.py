@@ -26,10 +26,10 @@ from optics.plane import Plane
 from optics.validation import accepts_numpy, as_floating_point, require_finite, rounded_up
 
 PupilPhase = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
-"""A function that returns the phase in radians at pupil positions (y, x) in metres, elementwise."""
+"""Returns the phase in radians at pupil positions (y, x) in metres, elementwise."""
 
 SlitPhase = Callable[[torch.Tensor], torch.Tensor]
-"""A function that returns the phase in radians at slit positions from -1 to 1, elementwise."""
+"""Returns the phase in radians at slit positions from -1 to 1, elementwise."""
 
 
 _PROBES = 32  # values on which a node count is tested; chosen
@@ -91,12 +91,12 @@ def lens_transfer_function(
 ) -> torch.Tensor:
     """Compute the OTF of a lens with a clear round stop, complex128, at frequencies (fy, fx).
 
-    distance: metres to the object, math.inf allowed. wavelength: metres. fy, fx: cycles per
-    metre on the sensor; they broadcast, as those of optics.formation.rfft2_frequencies() do.
-    phase: aberrations over the pupil; the OTF is differentiable in the tensors that they are
-    computed from. tol: the largest absolute error of a value, measured on some of the values by
-    doubling the nodes. The gradient uses the nodes that the value needs. They are too few for the
-    gradient in a fine phase that is still zero; begin such an optimisation with small numbers.
+    distance: metres to the object, math.inf allowed. fy, fx: cycles per metre on the sensor; they
+    broadcast, as those of optics.formation.rfft2_frequencies() do. phase: aberrations over the
+    pupil; the OTF is differentiable in the tensors that they are computed from. tol: the largest
+    absolute error of a value, measured on some of the values by doubling the nodes. The gradient
+    uses these nodes. They are too few for the gradient in a fine phase that is still zero; begin
+    such an optimisation with small numbers.
 
     The overlap of two stops (section 6.3 of Goodman) is integrated by Gauss-Legendre nodes. The
     OTF is zero from the cut-off frequency on. The model is paraxial and scalar. Raises

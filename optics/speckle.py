@@ -17,12 +17,8 @@ from scipy.special import erf
 
 Array = NDArray[np.float64]
 
-_MOST_AVERAGED = 8
-"""Independent patterns that are averaged at most; more are hardly told from a normal one.
-Chosen."""
-
-_BINS = 4096
-"""Bins of a spectrum, evenly lit. Chosen: more than its curves have points."""
+_MOST_AVERAGED = 8  # independent patterns; more are hardly told from a normal one; chosen
+_BINS = 4096  # of a spectrum, evenly lit; chosen: more than its curves have points
 
 
 @dataclass(frozen=True)
@@ -59,10 +55,7 @@ class RoughSurface:
             raise ValueError(f"patterns is {self.patterns:g}; it is 1 or more, and finite")
 
     def surface_variance(self, unmodulated: float) -> float:
-        """Return 1/M of polarisations and of patterns in an exposure.
-
-        unmodulated: share of the light whose polarisation is the other one.
-        """
+        """Return 1/M of polarisations, of which a share is unmodulated, and of patterns."""
         mixed = unmodulated**2 + (1 - unmodulated) ** 2 if self.depolarises else 1.0
         return mixed / self.patterns
 
@@ -129,10 +122,10 @@ class SpeckleGrain:
     lever: float
 
     def pixel_variance(self, pitch: float, path: tuple[float, float] = (0.0, 0.0)) -> float:
-        """Return 1/M of a square pixel that integrates speckle, which moves along a path.
+        """Return 1/M of a square pixel that integrates speckle, which moves (y, x) metres.
 
-        path: (y, x) metres on the sensor. By frequency it is the mean of the pixel's MTF squared
-        over the autocorrelation of the pupil's light.
+        By frequency it is the mean of the pixel's MTF squared over the autocorrelation of the
+        pupil's light.
         """
         rows, columns = (2 * n for n in self.light.shape)
         spectrum = np.fft.rfft2(self.light, s=(rows, columns))

@@ -16,22 +16,15 @@ from optics.quantity_ranges import RANGES, refuse_size
 
 
 def _to_tensor(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        _require_plain_array(value)
-        # Arrays from files may be read-only, reversed or of another byte order. torch can't share
-        # the memory of these, so they are copied.
-        plain = (
-            value.flags.writeable and value.dtype.isnative and min(value.strides, default=0) >= 0
-        )
-        native = value.dtype.newbyteorder("=")
-        return torch.from_numpy(value if plain else np.array(value, dtype=native, order="C"))
-    return value
-
-
-def _require_plain_array(value: np.ndarray[Any, Any]) -> None:
-    """Raise TypeError for a numpy array of anything but numbers."""
+    if not isinstance(value, np.ndarray):
+        return value
     if value.dtype.kind not in "biufc":
         raise TypeError(f"an array of {value.dtype} was given; give an array of numbers")
+    if value.flags.writeable and value.dtype.isnative and min(value.strides, default=0) >= 0:
+        return torch.from_numpy(value)
+    # Arrays from files may be read-only, reversed or of another byte order. torch can't share the
+    # memory of these, so they are copied.
+    return torch.from_numpy(np.array(value, dtype=value.dtype.newbyteorder("="), order="C"))
 
 
 def require_unmasked(*given: Any) -> None:
@@ -54,8 +47,8 @@ def require_unmasked(*given: Any) -> None:
 def split_mask(picture: Any, weights: Any) -> tuple[Any, Any]:
     """Take the mask off a photograph, and put it into the weights of its pixels.
 
-    picture: an array of any kind. weights: of the same shape; None for 1 at all pixels. Masked
-    pixels have a weight of 0, as dead ones have, and other pictures come back as they are.
+    Weights of None are 1 at all pixels. Masked pixels have a weight of 0, as dead ones have, and
+    other pictures come back as they are.
     """
     if not isinstance(picture, np.ma.MaskedArray):
         return picture, weights
@@ -118,9 +111,12 @@ def to_plain_numbers(value: Any) -> Any:
         return value if all(a is b for a, b in zip(inner, value, strict=True)) else inner
     if not is_dataclass(value) or isinstance(value, type):
         return value
-    old_values = {one.name: getattr(value, one.name) for one in fields(value)}
-    new_values = {name: to_plain_numbers(one) for name, one in old_values.items()}
-    changed = {name: one for name, one in new_values.items() if one is not old_values[name]}
+    changed = {}
+    for field in fields(value):
+        old = getattr(value, field.name)
+        new = to_plain_numbers(old)
+        if new is not old:
+            changed[field.name] = new
     return replace(value, **changed) if changed else value
 
 
@@ -163,10 +159,7 @@ def require_reverse_mode(value: torch.Tensor) -> None:
 def require_unchanged_attributes(
     names: Iterable[str], at_planning: object, now: object, kind: str
 ) -> None:
-    """Raise ValueError if attributes have changed since an operator was planned.
-
-    kind: what kind of operator it is, for the message.
-    """
+    """Raise ValueError if attributes have changed since an operator of some kind was planned."""
     for name in names:
         was, is_ = getattr(at_planning, name), getattr(now, name)
         if was != is_:
@@ -192,12 +185,13 @@ def require_number(name: str, value: Any, unit: str = "") -> None:
 
 def require_tensor(name: str, value: Any) -> None:
     """Raise TypeError for an argument that is neither a tensor nor None."""
-    if value is not None and not isinstance(value, torch.Tensor):
+    if value is None:
+        return
+    if not isinstance(value, torch.Tensor):
         raise TypeError(
             f"{name} is a {type(value).__name__}; give a torch tensor or a numpy array of numbers"
         )
-    if value is not None:
-        require_reverse_mode(value)
+    require_reverse_mode(value)
 
 
 def require_tolerance(tol: Any) -> None:
@@ -224,10 +218,9 @@ def require_wavelength(name: str, value: Any) -> None:
 
 
 def require_size(quantity: str, name: str, value: Any) -> None:
-    """Raise an error for a value that is no number in the range of its quantity.
+    """Raise an error for a value that is no number in the range of its quantity, one of RANGES.
 
-    quantity: one of `optics.quantity_ranges.RANGES`. The message asks about a number that would be
-    usual in another unit.
+    The message asks about a number that would be usual in another unit.
     """
     require_number(name, value, RANGES[quantity].unit)
     value = as_number(value)

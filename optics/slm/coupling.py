@@ -51,14 +51,17 @@ def fringing_field_mean(
     nodes: points along a pixel's side of which the mean is taken; by default as many as the largest
         phase step needs to keep the error to TOL.
     """
-    if nodes is None:
-        down, along = (
-            _quadrature_rule(sigma, side, _round_up_step(_largest_step(phase, axis)))
-            for axis in (-2, -1)
-        )
-    else:
-        down = along = _nodes(sigma, _gauss_nodes_on((-side / 2, side / 2), nodes))
-    return _FringingFieldMean.apply(phase, down, along)  # type: ignore[no-untyped-call]
+
+    def rule(axis: int) -> QuadratureRule:
+        if nodes is not None:
+            return _nodes(sigma, _gauss_nodes_on((-side / 2, side / 2), nodes))
+        steps = phase.detach().diff(dim=axis)
+        step = float(steps.abs().max()) if steps.numel() else 0.0
+        # A power of √2, so that few rules are cached.
+        step = 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
+        return _quadrature_rule(sigma, side, step)
+
+    return _FringingFieldMean.apply(phase, rule(-2), rule(-1))  # type: ignore[no-untyped-call]
 
 
 class _FringingFieldMean(torch.autograd.Function):
@@ -119,23 +122,9 @@ def _filter_axis_transpose(
     return total
 
 
-def _largest_step(phase: torch.Tensor, axis: int) -> float:
-    """Return the largest phase step between neighbours along an axis, in radians."""
-    steps = phase.detach().diff(dim=axis)
-    return float(steps.abs().max()) if steps.numel() else 0.0
-
-
-def _round_up_step(step: float) -> float:
-    """Round a phase step up to a power of √2, so that few quadrature rules are cached."""
-    return 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
-
-
 @lru_cache(maxsize=256)
 def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
-    """Find the fewest nodes that average a pixel's field with an error of at most TOL.
-
-    The pixel lies next to a phase step of `step` radians.
-    """
+    """Find the fewest nodes that average the field, next to a phase step, with an error of TOL."""
     if step == 0:
         return ((1.0, (1.0,)),)
     known = _test_phases(step, _neighbour_reach(sigma, side))
@@ -188,10 +177,7 @@ def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarra
 
 
 def _test_phases(step: float, beside: int) -> np.ndarray:
-    """Return an edge, a line, stripes, a slope and a valley around a pixel, (cases, neighbours).
-
-    step: the phase step in radians. beside: neighbours on each side.
-    """
+    """Return an edge, a line, stripes, a slope and a valley around a pixel, (cases, neighbours)."""
     n = np.arange(-beside, beside + 1)
     edge, line, stripes = n > 0, n == 0, n % 2
     slope, valley = np.sign(n), np.where(n < 0, 0.5, n > 0)

@@ -27,10 +27,8 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
 
     Parameters
     ----------
-    panel : Panel
-        The panel.
-    grey : torch.Tensor or numpy.ndarray
-        Whole levels, (..., rows, columns); of any shape if the panel is uniform.
+    panel, grey : Panel, torch.Tensor or numpy.ndarray
+        The panel, and whole levels, (..., rows, columns); of any shape if the panel is uniform.
     wavelength : float
         Metres.
 
@@ -64,16 +62,13 @@ def phase_to_grey(
     """Compute the grey levels that give a phase to light of a wavelength.
 
     The panel's flatness is subtracted first if it is known. To show a phase uncorrected, use
-    ``replace(panel, flatness=None)``. Each pixel gets the nearest
-    level on its own curve. The levels are continuous in the phase, except for the jumps at which
-    the phase is wrapped.
+    ``replace(panel, flatness=None)``. Each pixel gets the nearest level on its own curve. The
+    levels are continuous in the phase, except for the jumps at which the phase is wrapped.
 
     Parameters
     ----------
-    panel : Panel
-        The panel.
-    phase : torch.Tensor or numpy.ndarray
-        Radians, (..., rows, columns); of any shape if the panel is uniform.
+    panel, phase : Panel, torch.Tensor or numpy.ndarray
+        The panel, and radians, (..., rows, columns); of any shape if the panel is uniform.
     wavelength : float
         Metres.
     orders : int, optional
@@ -233,17 +228,13 @@ def require_grey(panel: Panel, grey: np.ndarray) -> None:
 
     Parameters
     ----------
-    panel : Panel
-        The panel.
-    grey : numpy.ndarray
-        Grey levels, uint8, (rows, columns) of the panel.
+    panel, grey : Panel, numpy.ndarray
+        The panel, and grey levels, uint8, (rows, columns) of the panel.
 
     Raises
     ------
-    TypeError
-        If the array's type isn't uint8.
-    ValueError
-        If the array's shape isn't the panel's, or the panel lacks one of its levels.
+    TypeError, ValueError
+        If the array's type isn't uint8, its shape isn't the panel's, or the panel lacks a level.
     """
     if grey.dtype != np.uint8:
         raise TypeError(f"the pattern's type is {grey.dtype}; the panel shows uint8 grey levels")

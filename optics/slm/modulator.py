@@ -158,28 +158,16 @@ class Modulator:
 
     @accepts_numpy
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
-        """Compute the complex field of each pixel from the displayed phase.
+        """Compute the complex field of each pixel from the displayed phase, (..., rows, columns).
 
         The field is the mean of exp(i phase) over the pixel's active area, with the phase blurred
         by the coupling. The gap's light is added. The sum is multiplied by the phase factor of the
         flatness and by the amplitude of the illumination, whose mean square over the panel is 1.
-        Without the gap's light and an illumination its magnitude is at most 1. The field is
-        differentiable in the phase.
+        Without the gap's light and an illumination its magnitude is at most 1.
 
-        Parameters
-        ----------
-        phase : torch.Tensor or numpy.ndarray
-            Radians as displayed, wrapped as the panel wraps, (..., rows, columns).
-
-        Returns
-        -------
-        torch.Tensor or numpy.ndarray
-            The field, (..., rows, columns): complex64 for a float32 phase, complex128 for float64.
-
-        Raises
-        ------
-        ValueError
-            If the phase's shape isn't the panel's, or the phase isn't finite.
+        The phase is in radians, wrapped as the panel wraps. The field is complex64 for a float32
+        phase and complex128 for float64, and differentiable in the phase. Raises ValueError if the
+        phase's shape isn't the panel's, or the phase isn't finite.
         """
         if not phase.is_floating_point():
             raise ValueError(f"phase is {phase.dtype}; give radians as float32 or float64")
@@ -231,21 +219,8 @@ class Modulator:
     ) -> list[tuple[float, torch.Tensor]]:
         """Compute shares of time and fields while still grey levels, (rows, columns), are shown.
 
-        Without flicker there is one pair.
-
-        Parameters
-        ----------
-        grey : torch.Tensor
-            Grey levels, (rows, columns).
-        dtype : torch.dtype, optional
-            Type of the phase; the default, float32, gives complex64 fields.
-        tol : float, optional
-            Largest error of the mean over the flicker.
-
-        Returns
-        -------
-        list of (float, torch.Tensor)
-            Shares of time, whose sum is 1, and fields (rows, columns).
+        Without flicker there is one pair. The phase is of type `dtype`, where float32 gives
+        complex64 fields, and `tol` is the largest error of the mean over the flicker.
         """
         return list(self.iterate_still_fields(grey, dtype=dtype, tol=tol))
 
@@ -284,22 +259,9 @@ class Modulator:
     ) -> Iterator[tuple[float, torch.Tensor]]:
         """Yield shares of time and fields while the crystal relaxes from one phase to another.
 
-        Parameters
-        ----------
-        start, end : torch.Tensor
-            The phase at the beginning, and that towards which the crystal relaxes, in radians,
-            (rows, columns).
-        seconds : float
-            Duration of the transition.
-        dtype : torch.dtype, optional
-            The type in which the phase is modulated; the phase's own by default.
-        tol : float, optional
-            Largest error of the mean over that time.
-
-        Yields
-        ------
-        tuple of (float, torch.Tensor)
-            A share of the time and its field (rows, columns). The shares sum to 1.
+        The phases are in radians, (rows, columns), and are modulated in the type `dtype`, by
+        default their own. The transition lasts so many seconds. `tol` is the largest error of the
+        mean over that time, whose shares sum to 1.
         """
         tau, flicker_tol = self.panel.response_time, min(tol, FLICKER_TOL)
         if not tau:
@@ -320,22 +282,10 @@ class Modulator:
         """Yield frames, shares of time and fields of one cycle of a video that repeats forever.
 
         The liquid crystal relaxes to first order, and flickers. Both are averaged over as few nodes
-        as keep `tol`. Each field is computed when it is requested. Differentiable in the phases.
-
-        Parameters
-        ----------
-        video_phase : torch.Tensor
-            The phase at which each frame would settle in radians, (frames, rows, columns).
-        frame_time : float
-            Seconds that a frame is shown.
-        tol : float, optional
-            Largest error of the mean over a frame.
-
-        Yields
-        ------
-        tuple of (int, float, torch.Tensor)
-            The frame's number, a share of the cycle and its field. The shares sum to 1, and those
-            of a frame to 1 / frames.
+        as keep `tol`, the largest error of the mean over a frame. Each field is computed when it is
+        requested. Differentiable in the phases, at which the frames, (frames, rows, columns), would
+        settle. A frame is shown for `frame_time` seconds. The shares sum to 1, and those of a frame
+        to 1 / frames.
         """
         tau, count = self.panel.response_time, len(video_phase)
         start = first_start_phase(video_phase, frame_time, tau) if tau else video_phase[-1]

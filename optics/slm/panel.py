@@ -134,44 +134,15 @@ class PhaseResponse:
 
     @staticmethod
     def from_curve(wavelength: float, shares: Any) -> PhaseResponse:
-        """Build a response of one curve for all pixels and every wavelength.
-
-        Parameters
-        ----------
-        wavelength : float
-            Metres, at which the curve was measured.
-        shares : torch.Tensor or numpy.ndarray
-            Shares of the highest phase, (levels,).
-
-        Returns
-        -------
-        PhaseResponse
-            The response.
-        """
+        """Build a response of one curve of shares, (levels,), for all pixels and wavelengths."""
         return PhaseResponse((wavelength,), as_float64(shares)[None, None, None])
 
     @staticmethod
     def from_phases(panel: Panel, wavelengths: Sequence[float], phases: Any) -> PhaseResponse:
-        """Build a response from measured phases of grey levels.
+        """Build a response from measured phases of grey levels, relative to the panel's highest.
 
-        Parameters
-        ----------
-        panel : Panel
-            The panel; the shares are relative to its highest phase.
-        wavelengths : sequence of float
-            Metres.
-        phases : torch.Tensor or numpy.ndarray
-            Radians, (wavelengths, levels) or (wavelengths, region rows, region columns, levels).
-
-        Returns
-        -------
-        PhaseResponse
-            The response.
-
-        Raises
-        ------
-        ValueError
-            If the phases have another shape.
+        They are in radians, (wavelengths, levels) or (wavelengths, region rows, region columns,
+        levels); for another shape, ValueError is raised.
         """
         phases = as_float64(phases)
         if phases.ndim == 2:
@@ -232,24 +203,18 @@ class Panel:
 
     Parameters
     ----------
-    shape : tuple of int, optional
-        (rows, columns) of pixels.
-    pitch : float, optional
-        Metres between pixels.
+    shape, pitch : tuple of int, float, optional
+        (rows, columns) of pixels, and metres between them.
     fill_factor : float, optional
         Share of a pixel's area that modulates, above 0 and up to 1.
     levels : int, optional
         The number of grey levels, 2 to 256.
     max_phase : tuple of (float, float), optional
         Pairs of a wavelength in metres and the phase in radians at the highest grey level.
-    unmodulated : float, optional
-        Share of the light that leaves the panel unmodulated.
-    reflectivity : float, optional
-        Share of the incident light that leaves the panel.
-    settling : float, optional
-        Seconds from a new frame until its phase is settled.
-    frame_rate : float, optional
-        Rate in Hz at which videos are shown.
+    unmodulated, reflectivity : float, optional
+        Share of the light that leaves the panel unmodulated, and of the incident that leaves it.
+    settling, frame_rate : float, optional
+        Seconds from a new frame until its phase is settled, and rate in Hz of videos.
     response : PhaseResponse, optional
         Shares of the highest phase by grey level; linear by default.
     response_time : float, optional
@@ -265,19 +230,13 @@ class Panel:
         Share of the light that the cover glass reflects, a part of `reflectivity`.
     gap_reflection : float, optional
         Amplitude reflectance of the frame between the pixels, relative to the pixels'.
-    flatness : PanelMap, optional
-        Optical path in metres that the panel adds to the pattern's.
-    illumination : PanelMap, optional
-        Irradiance over the panel, in any unit.
+    flatness, illumination : PanelMap, optional
+        Optical path in metres that the panel adds to the pattern's; irradiance, in any unit.
 
     Raises
     ------
     ValueError
         If a value is out of range, or values contradict each other.
-
-    References
-    ----------
-    Thesis Tables 2.1 and 2.2.
     """
 
     shape: tuple[int, int] = (1080, 1920)
@@ -375,7 +334,7 @@ class Panel:
 
 
 def max_phase(panel: Panel, wavelength: float) -> float:
-    """Compute the phase at the highest grey level, at a wavelength.
+    """Compute the phase at the highest grey level, at a wavelength, in radians.
 
     The optical path difference of a nematic cell follows its birefringence, which the extended
     Cauchy equation A + B/wavelength² + C/wavelength⁴ describes across the visible. As many terms
@@ -383,10 +342,8 @@ def max_phase(panel: Panel, wavelength: float) -> float:
 
     Parameters
     ----------
-    panel : Panel
-        The panel.
-    wavelength : float
-        Metres, 0.9 times the smallest to 1.15 times the largest tabulated wavelength.
+    panel, wavelength : Panel, float
+        The panel, and metres: 0.9 times its shortest tabulated wavelength to 1.15 times the last.
 
     Returns
     -------
