@@ -118,8 +118,7 @@ def _set_by_band(found: torch.Tensor, places: torch.Tensor, slopes: torch.Tensor
     `places` are the parameters' places, (kinds, bands), and `slopes` are (kinds, samples, bands).
     """
     for place, slope in zip(places, slopes, strict=True):
-        for band, number in enumerate(place.tolist()):
-            found[band, :, number] = slope[:, band]
+        found[torch.arange(len(found)), :, place] = slope.mT
 
 
 def _star_corner(model: SnapshotModel, frames: torch.Tensor, sides: list[int]) -> tuple[int, int]:
@@ -305,9 +304,8 @@ class _JointFit:
             part = torch.zeros(bands, samples, len(unknown), dtype=torch.float64)
             slopes = group.derivatives(deviation) @ self._root
             part[..., : self._count] = slopes * lights[:, None, None]
-            predicted = group.predict(deviation)
-            for band in range(bands):
-                part[band, :, first + band] = predicted[band]
+            each = torch.arange(bands)
+            part[each, :, first + each] = group.predict(deviation)
             parts.append((part / spread[..., None]).flatten(0, 1))
             first += bands
         return torch.cat([*parts, torch.eye(self._count, len(unknown), dtype=torch.float64)])
@@ -339,9 +337,7 @@ def _on_arrays(
 
 def _interpolation_variance(model: SnapshotModel) -> torch.Tensor:
     """Return the variance that interpolation adds to each parameter."""
-    rows, columns = model.coded.shape[1:]
-    y = torch.arange(rows, dtype=torch.float64) - rows // 2
-    x = torch.arange(columns, dtype=torch.float64) - columns // 2
+    y, x = (torch.arange(n, dtype=torch.float64) - n // 2 for n in model.coded.shape[1:])
     distance = y[:, None].square() + x.square()
     radius = float((model.coded.clamp(min=0) * distance).sum((1, 2)).mean().sqrt())
     variance = torch.zeros(model.layout.count, dtype=torch.float64)

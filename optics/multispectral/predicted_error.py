@@ -21,23 +21,19 @@ def forward_matrices(psfs: torch.Tensor, filters: torch.Tensor, period: int) -> 
     pattern, and PSFs are wrapped around the rows and columns of the repeated scene, a multiple of
     the pattern's.
     """
-    rows, columns = (torch.arange(n) - n // 2 for n in psfs.shape[-2:])
     wrapped = psfs.new_zeros(len(psfs), period, period)
-    place = (
-        (rows % period)[:, None].expand(psfs.shape[1:]),
-        (columns % period).expand(psfs.shape[1:]),
-    )
-    for band, psf in zip(wrapped, psfs, strict=True):
-        band.index_put_(place, psf, accumulate=True)
+    rows, columns = ((torch.arange(n) - n // 2) % period for n in psfs.shape[-2:])
+    place = (torch.arange(len(psfs))[:, None, None], rows[:, None], columns)
+    wrapped.index_put_(place, psfs, accumulate=True)
     transfer = group_frequencies(torch.fft.fft2(wrapped), filters.shape[1:])
     return _mixing(filters)[None] * transfer[:, None]
 
 
 def group_frequencies(values: torch.Tensor, pattern: Sequence[int]) -> torch.Tensor:
-    """Group the frequencies that a mosaic mixes, which are whole steps apart.
+    """Group the frequencies, (bands, period, period), that a mosaic mixes.
 
-    `values` is (bands, period, period). The result is (groups, frequencies, bands), where the
-    frequency (i, j) is i times period / rows and j times period / columns above the group's first.
+    The result is (groups, frequencies, bands), where the frequency (i, j) is i times period / rows
+    and j times period / columns above the group's first.
     """
     down, along = pattern
     bands, rows, columns = values.shape
@@ -182,11 +178,9 @@ def predict_errors(
         Standard deviation of a pixel of the raw picture, above 0.
     channels : str, default "RGB"
         Letters of the channels, in the order of `response`.
-    scene : SceneSpectrum, optional
-        Power spectrum of the scene; a usual one if None.
-    noise_excess : float, default 2.0
-        Factor on the noise, by which a restoration that doesn't know the scene's spectrum is worse
-        than the best linear one; above 0.
+    scene, noise_excess : SceneSpectrum, optional, and float, default 2.0
+        Power spectrum of the scene, and factor on the noise, above 0, by which a restoration that
+        doesn't know it is worse than the best linear one.
     period : int, default 128
         Rows and columns of the repeated scene, a multiple of the pattern's. It should exceed the
         PSFs, which are wrapped around it.

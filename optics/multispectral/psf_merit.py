@@ -237,18 +237,10 @@ class PsfMerit:
 
     Parameters
     ----------
-    response : torch.Tensor or numpy.ndarray, (channels, bands)
-        Share of each band that the filter of each letter transmits.
-    pattern : sequence of str
-        Rows of one letter per pixel that repeat, as ``("RG", "GB")``.
-    spectra : torch.Tensor or numpy.ndarray, (samples, bands)
-        Typical spectra of the scene; 1 is the peak of the PSNR.
-    noise : float
-        Standard deviation of a pixel of the raw picture, above 0.
+    response, pattern, spectra, noise, channels
+        As of `predict_errors`.
     generator : torch.Generator
         Source of the simulated scene and its noise, which are the same for all PSFs.
-    channels : str, default "RGB"
-        Letters of the channels, in the order of `response`.
     side : int, default 96
         Rows and columns of the simulated scene.
 

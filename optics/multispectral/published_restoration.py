@@ -62,7 +62,11 @@ class PublishedObjective:
         return value, differences_adjoint(*pulls)
 
     def _between_bands(self, x: torch.Tensor) -> ValueAndGradient:
-        """Compute the prior on each pair of bands, and its gradient (Eq. 4.6)."""
+        """Compute the prior on each pair of bands, and its gradient (Eq. 4.6).
+
+        With the neighbours x' of the pixels x, ∇x_n x_i - ∇x_i x_n is x'_n x_i - x'_i x_n. The
+        gradient by x is collected in `own`, and that by x' in `others`.
+        """
         value = x.new_zeros((), dtype=torch.float64)
         gradient = torch.zeros_like(x)
         for dim in (-2, -1):
@@ -73,33 +77,17 @@ class PublishedObjective:
                 next_x.narrow(dim, last, 1).copy_(x.narrow(dim, last, 1))
             own, others = torch.zeros_like(x), torch.zeros_like(x)
             for n in range(len(x) - 1):
-                value += self._pairs_with(n, x, next_x, own, others)
+                later, next_later = x[n + 1 :], next_x[n + 1 :]
+                hue = torch.addcmul(later * next_x[n], next_later, x[n], value=-1)
+                lengths = hue.square().add_(self.smoothing**2).sqrt_()
+                value += _excess(lengths, self.smoothing)
+                pull = hue.div_(lengths)
+                own[n + 1 :].addcmul_(pull, next_x[n])
+                others[n + 1 :].addcmul_(pull, x[n], value=-1)
+                own[n].sub_((pull * next_later).sum(0))
+                others[n].add_((pull * later).sum(0))
             gradient.add_(own).add_(others.roll(1, dim))
         return 2 * self.cross_channel * value, gradient.mul_(2 * self.cross_channel)
-
-    def _pairs_with(
-        self,
-        n: int,
-        x: torch.Tensor,
-        next_x: torch.Tensor,
-        own: torch.Tensor,
-        others: torch.Tensor,
-    ) -> torch.Tensor:
-        """Compute the prior on band n and all later bands, and add its gradient.
-
-        With the neighbours x' of the pixels x, ∇x_n x_i - ∇x_i x_n is x'_n x_i - x'_i x_n. The
-        gradient by x is added to `own`, and that by x' to `others`.
-        """
-        later, next_later = x[n + 1 :], next_x[n + 1 :]
-        hue = torch.addcmul(later * next_x[n], next_later, x[n], value=-1)
-        lengths = hue.square().add_(self.smoothing**2).sqrt_()
-        value = _excess(lengths, self.smoothing)
-        pull = hue.div_(lengths)
-        own[n + 1 :].addcmul_(pull, next_x[n])
-        others[n + 1 :].addcmul_(pull, x[n], value=-1)
-        own[n].sub_((pull * next_later).sum(0))
-        others[n].add_((pull * later).sum(0))
-        return value
 
 
 def _excess(lengths: torch.Tensor, smoothing: float) -> torch.Tensor:
@@ -140,21 +128,17 @@ def restore_by_published_objective(
     ----------
     observation : MosaicObservation
         The raw picture with its filters and PSFs: see `build_mosaic_observation`.
-    smoothness : float, default 0.0
-        Weight α of the squared gradients, 0 or more.
-    variation : float, default 5e-5
-        Weight β of the absolute gradients, 0 or more, for light in units of `white`.
+    smoothness, variation : float, default 0.0, 5e-5
+        Weights α of the squared and β of the absolute gradients, 0 or more, for light in units of
+        `white`.
     cross_channel : float, default 1e-4
         Weight σ of differences between the hues of neighbouring pixels, 0 or more.
-    smoothing : float, default 3e-3
-        Size ε at which absolute values are rounded, in units of `white`, above 0.
-    white : float, default 1.0
-        Largest light of the scene, in the raw picture's unit.
-    iterations : int, default 300
-        Largest number of iterations.
-    tol : float, default 1e-6
-        Largest entry of the projected gradient, for light in units of `white`, at which the search
-        ends.
+    smoothing, white : float, default 3e-3, 1.0
+        Size ε at which absolute values are rounded, in units of `white`, above 0; and largest light
+        of the scene, in the raw picture's unit.
+    iterations, tol : int, float, default 300, 1e-6
+        Largest number of iterations, and largest entry of the projected gradient, for light in
+        units of `white`, at which the search ends.
     progress : Progress, optional
         Receives reports, and can cancel the work.
 
@@ -193,10 +177,8 @@ def restore_by_published_objective(
     start = (observation.crop_to_frame(start) if inside else start) / white
     found = _minimise(objective, start.clamp(0, 1), iterations, tol, progress)
     scene = torch.from_numpy(found.x).to(start).reshape(start.shape)
-    squares, trust = (
-        (forward(scene) * white - observation.image).square(),
-        observation.effective_weights,
-    )
+    squares = (forward(scene) * white - observation.image).square()
+    trust = observation.effective_weights
     mean = squares.mean() if trust is None else (squares * trust).sum() / (trust > 0).sum()
     left, scene = math.sqrt(float(mean)), scene * white
     restored = RestoredImage(
@@ -214,10 +196,7 @@ def restore_by_published_objective(
 
 
 def _forward_operator(observation: MosaicObservation) -> Operator:
-    """Return the operator from a scene's bands to the raw picture (Eq. 4.1).
-
-    Its domain is the frame where the border is dark, and else the period.
-    """
+    """Return the operator from a scene's bands, of frame or period, to the picture (Eq. 4.1)."""
     period = observation.period_shape
     psfs = observation.psfs.expand(observation.bands, -1, -1)
     frame = CentredCrop(period, observation.image.shape, (observation.bands,))

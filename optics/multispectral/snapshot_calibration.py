@@ -223,25 +223,24 @@ class SnapshotCalibration:
     @property
     def parameters(self) -> tuple[CalibratedParameter, ...]:
         """All parameters with standard deviations and 90 % intervals."""
-        model, layout = self.model, self.model.layout
-        found = self.relative_deviation
-        spread = self.relative_covariance.diagonal().clamp(min=0).sqrt()
-        listed = []
-        for band in range(model.bands):
-            place, share = layout.zeroth_orders.start + band, float(model.zeroth_order[band])
-            name = f"zeroth order's share of band {band}"
-            listed.append(_additive(name, "", share, found[place], spread[place]))
-        scale = layout.scale
-        listed.append(_additive("size of the coded PSFs", "", 1.0, found[scale], spread[scale]))
-        for axis, letter in enumerate("yx"):
-            for band in range(model.bands):
-                place = layout.centres.start + axis * model.bands + band
-                name = f"centre {letter} of band {band}"
-                listed.append(_additive(name, "pixel", 0.0, found[place], spread[place]))
-        for number, channels in enumerate(model.others):
-            for band, channel in enumerate(channels.tolist()):
-                place = layout.log_ratios.start + number * model.bands + band
-                listed.append(self._ratio(band, channel, found[place], spread[place]))
+        model, found = self.model, self.relative_deviation
+        spread, bands = self.relative_covariance.diagonal().clamp(min=0).sqrt(), range(model.bands)
+        shares = model.zeroth_order.tolist()
+        additive = [
+            *((f"zeroth order's share of band {n}", "", shares[n]) for n in bands),
+            ("size of the coded PSFs", "", 1.0),
+            *((f"centre {letter} of band {n}", "pixel", 0.0) for letter in "yx" for n in bands),
+        ]
+        first = model.layout.log_ratios.start
+        listed = [
+            _additive(*one, change, deviation)
+            for one, change, deviation in zip(additive, found[:first], spread[:first], strict=True)
+        ]
+        ratios = [
+            (n, int(channel)) for channels in model.others for n, channel in enumerate(channels)
+        ]
+        for one, change, deviation in zip(ratios, found[first:], spread[first:], strict=True):
+            listed.append(self._ratio(*one, change, deviation))
         if self.transmission is not None:
             known = zip(self.transmission.values, self.transmission.deviations, strict=True)
             for band, (value, deviation) in enumerate(known):
