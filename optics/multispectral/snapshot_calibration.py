@@ -68,14 +68,10 @@ class CalibratedParameter:
 
     Attributes
     ----------
-    name : str
-        What it is, in words.
-    unit : str
-        "pixel", or nothing for shares and ratios.
-    value, nominal : float
-        The estimate, and what the nominal model has.
-    deviation : float
-        Standard deviation.
+    name, unit : str
+        What it is, in words; "pixel", or nothing for shares and ratios.
+    value, nominal, deviation : float
+        The estimate, what the nominal model has, and the standard deviation.
     lower, upper : float
         Ends of the 90 % interval.
     """
@@ -125,24 +121,8 @@ class SnapshotCalibration:
     ) -> SnapshotCalibration:
         """Return what is known of a camera before any calibration.
 
-        Parameters
-        ----------
-        model : SnapshotModel
-            The nominal model.
-        uncertainty : ModelUncertainty, optional
-            How well it is known.
-        transmission : BandTransmission, optional
-            The bands' transmission as measured.
-
-        Returns
-        -------
-        SnapshotCalibration
-            The nominal parameters with their uncertainty.
-
-        Raises
-        ------
-        ValueError
-            For a transmission of another number of bands.
+        `uncertainty` is that of the nominal model, and `transmission` the bands' as measured.
+        Raises ValueError for a transmission of another number of bands.
         """
         if transmission is not None and len(transmission.values) != model.bands:
             raise ValueError(
@@ -181,17 +161,9 @@ class SnapshotCalibration:
         return layout.shift_removal(shares)
 
     def remove_common_shift(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Take off deviations the shift that this calibration calls common.
+        """Take off deviations from nominal the shift that this calibration calls common.
 
-        Parameters
-        ----------
-        deviation : torch.Tensor, (parameters,), float64
-            Deviations from nominal, for instance the true ones of a simulated camera.
-
-        Returns
-        -------
-        torch.Tensor, (parameters,), float64
-            Deviations to compare with `relative_deviation`.
+        True ones of a simulated camera can then be compared with `relative_deviation`.
         """
         return self._shift_removal @ deviation
 

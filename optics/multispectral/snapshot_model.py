@@ -22,21 +22,14 @@ class ModelUncertainty:
 
     Parameters
     ----------
-    zeroth_order : float, default 0.05
-        Of the zeroth order's share, an error that all bands have in common.
-    zeroth_order_of_band : float, default 0.015
-        Of the zeroth order's share, an error of each band on its own.
+    zeroth_order, zeroth_order_of_band : float, default 0.05, 0.015
+        Of the zeroth order's share, an error that all bands have in common, and of each by itself.
     scale : float, default 0.01
         Of the common size of all coded PSFs, relative.
     centre : float, default 0.5
         Of each coordinate of each band's PSF centre, in pixels.
     response : float, default 0.06
         Of each channel's response to each band, relative.
-
-    Raises
-    ------
-    ValueError
-        For a number that isn't positive and finite.
     """
 
     zeroth_order: float = 0.05
@@ -227,10 +220,8 @@ class SnapshotModel:
             to less than 1.
         neutral : torch.Tensor or numpy.ndarray, (bands, rows, columns), optional
             PSF of each band without a pattern. The middle pixel alone if None.
-        pattern : sequence of str, default ("RG", "GB")
-            Rows of one letter per pixel that repeat from the first pixel on.
-        channels : str, default "RGB"
-            Letters of the channels.
+        pattern, channels : sequence of str, str, default ("RG", "GB"), "RGB"
+            Rows of one letter per pixel that repeat from the first pixel on; the channels' letters.
 
         Returns
         -------
@@ -240,8 +231,7 @@ class SnapshotModel:
         Raises
         ------
         ValueError
-            For shapes that don't fit, values that aren't finite, a response that isn't positive, or
-            a zeroth order outside 0 to 1.
+            For shapes that don't fit, or values that aren't finite or in their range.
         """
         whole = _as_double("psfs", psfs, 3)
         shares = _as_double("response", response, 2)
@@ -304,17 +294,9 @@ class SnapshotModel:
         return torch.stack([every[every != one] for one in self.strongest]).mT
 
     def psfs(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Compute the PSFs for a vector of deviations from nominal.
+        """Compute the PSFs for a vector of deviations from nominal, (layout.count,), float64.
 
-        Parameters
-        ----------
-        deviation : torch.Tensor, (layout.count,), float64
-            See ParameterLayout.
-
-        Returns
-        -------
-        torch.Tensor, (bands, rows + 2 margin, columns + 2 margin), float64
-            PSF of each band, differentiable in `deviation`.
+        The result is (bands, rows + 2 margin, columns + 2 margin), float64, and differentiable.
         """
         return self._psfs_of_bands(deviation[self.layout.band_places])
 

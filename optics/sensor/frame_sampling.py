@@ -35,14 +35,10 @@ def expose(
 
     Parameters
     ----------
-    rate : torch.Tensor, (rows, columns)
-        Photo-electrons per second and pixel. A negative rate counts as dark.
-    exposure : float
-        Exposure time in seconds.
-    sensor : Sensor
-        The sensor.
-    generator : torch.Generator
-        Source of all random numbers.
+    rate, exposure : torch.Tensor, (rows, columns), float
+        Photo-electrons per second and pixel, dark if negative; exposure time in seconds.
+    sensor, generator : Sensor, torch.Generator
+        The sensor, and the source of all random numbers.
     shot_noise, read_noise, dark_current : bool, default True
         Whether that stage is simulated.
 
@@ -82,14 +78,11 @@ def sample_frame(
 
     Parameters
     ----------
-    electrons : torch.Tensor, (rows, columns)
-        Electrons expected from light on each pixel over the exposure. Negative ones count as none.
-    exposure : float
-        Exposure time in seconds.
-    sensor : Sensor
-        The sensor. If its pixels differ, `electrons` must cover the whole sensor.
-    generator : torch.Generator
-        Source of all random numbers.
+    electrons, exposure : torch.Tensor, (rows, columns), float
+        Electrons expected from light on each pixel over the exposure, none if negative; exposure
+        time in seconds.
+    sensor, generator : Sensor, torch.Generator
+        The sensor, which `electrons` must cover if its pixels differ; source of all random numbers.
     **switches : bool or str
         Which stages are simulated: the fields of `Stages`.
 

@@ -313,21 +313,15 @@ def moments(
 
     Parameters
     ----------
-    electrons : torch.Tensor, (rows, columns)
-        Electrons expected from light on each pixel over the exposure.
-    exposure : float
-        Exposure time in seconds.
-    sensor : Sensor
-        The sensor.
+    electrons, exposure, sensor : torch.Tensor, (rows, columns), float, Sensor
+        Electrons expected from light on each pixel over the exposure, seconds, and the sensor.
     **switches : bool or str
         Which stages are simulated: the fields of `Stages`. "skewed" shot noise counts as Poisson's.
 
     Returns
     -------
-    mean : torch.Tensor, (rows, columns), float64
-        Electrons.
-    variance : torch.Tensor, (rows, columns), float64
-        Electrons².
+    mean, variance : torch.Tensor, (rows, columns), float64
+        Electrons, and electrons².
 
     Raises
     ------

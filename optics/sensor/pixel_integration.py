@@ -59,10 +59,8 @@ def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
 
     Parameters
     ----------
-    light : torch.Tensor, (..., rows, columns)
-        Picture on the fine grid.
-    factor : int
-        Samples per pixel along each axis.
+    light, factor : torch.Tensor, (..., rows, columns), int
+        Picture on the fine grid, and samples per pixel along each axis.
 
     Returns
     -------
@@ -80,10 +78,8 @@ def pixel_margin(factor: int, tol: float = 1e-9) -> int:
 
     Parameters
     ----------
-    factor : int
-        Samples per pixel along each axis.
-    tol : float, optional
-        Relative L2 error of the integral that is allowed; 1e-9 by default.
+    factor, tol : int, float, optional
+        Samples per pixel along each axis, and relative L2 error that is allowed, 1e-9 by default.
 
     Returns
     -------
@@ -102,10 +98,8 @@ def integrate_pixels(light: torch.Tensor, factor: int, tol: float = 1e-9) -> tor
 
     Parameters
     ----------
-    light : torch.Tensor, (..., rows, columns)
-        Light on the fine samples.
-    factor : int
-        Samples per pixel along each axis, 1 or more.
+    light, factor : torch.Tensor, (..., rows, columns), int
+        Light on the fine samples, and samples per pixel along each axis, 1 or more.
     tol : float, optional
         Relative L2 error that is allowed; 1e-9 by default.
 
@@ -168,9 +162,8 @@ class PixelIntegration:
     """Integrates light over whole pixels, and plans the finer samples that this takes.
 
     Call the object with the light on its `plane`, (..., rows, columns); the result is the light on
-    each pixel, ``(..., *pixels.shape)``. The attribute `plane` is finer than the pixels and reaches
-    beyond them by `margin` samples on each side. The fewer digits are asked for, the fewer samples
-    there are.
+    each pixel, ``(..., *pixels.shape)``. The fewer digits are asked for, the fewer samples there
+    are.
 
     Parameters
     ----------
@@ -178,24 +171,20 @@ class PixelIntegration:
         Pixels on which the light is wanted.
     cutoff : float or tuple of float
         Cycles per metre of the light's finest fringe; two along y and x where they differ.
-    budget : Budget, optional
-        Limit of the memory that may be used.
-    tol : float, optional
-        Relative L2 error of the light on pixels that is allowed; 1e-9 by default.
+    budget, tol : Budget, float, optional
+        Limit of the memory, and relative L2 error that is allowed, 1e-9 by default.
 
     Attributes
     ----------
-    plane : Plane
-        The samples.
-    margin : tuple of int
-        Samples beyond the pixels on each side, along y and x.
+    plane, margin : Plane, tuple of int
+        The samples, which reach beyond the pixels by so many on each side, along y and x.
     error : float
         Relative L2 error of the light on pixels, at most `tol` if double precision allows it.
 
     Raises
     ------
-    ValueError
-        As its subclass ToleranceError, if the fine samples take more memory than the budget allows.
+    ToleranceError
+        If the fine samples take more memory than the budget allows.
     """
 
     def __init__(

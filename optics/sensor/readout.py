@@ -24,12 +24,10 @@ def row_starts(sensor: Sensor, first_start: float = 0.0, *, rolling: bool = True
 
     Parameters
     ----------
-    sensor : Sensor
-        The sensor, with its shutter and line time.
-    first_start : float, default 0.0
-        Start of the first row, seconds.
+    sensor, first_start : Sensor, float, default 0.0
+        The sensor, and the start of its first row, seconds.
     rolling : bool, default True
-        Whether a rolling shutter's delays count; False starts all rows at once.
+        Whether a rolling shutter's delays count.
 
     Returns
     -------
@@ -73,10 +71,8 @@ def sensor_as_read(
         noise is kept in electrons, although amplifiers in front of a converter lower it.
     region : tuple of int, optional
         x, y, width and height in pixels; all by default.
-    binning : int, default 1
-        Pixels across and down whose mean is one number.
-    averaged : int, default 1
-        Frames whose mean is taken.
+    binning, averaged : int, default 1
+        Pixels across and down whose mean is one number, and frames whose mean is taken.
 
     Returns
     -------

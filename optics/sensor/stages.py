@@ -130,26 +130,16 @@ class Stages:
 
     Parameters
     ----------
-    dark_current : bool, default True
-        Electrons without light.
-    fixed_pattern : bool, default True
-        PRNU, DSNU, dead and hot pixels.
+    dark_current, fixed_pattern : bool, default True
+        Electrons without light; PRNU, DSNU, dead and hot pixels.
     shot : {"none", "Gaussian", "skewed", "Poisson"}, default "Poisson"
         Distribution of the electrons. "Gaussian" samples whole electrons from a normal distribution
         whose variance is the mean. "skewed" bends that as Poisson's distribution is: see
         `optics.sensor.frame_sampling.electrons_from_normal`. Both sample few electrons, below 10,
         from Poisson's distribution itself.
-    clipping : bool, default True
-        Saturation of the full well and of the converter.
-    read_noise : bool, default True
-        Normal noise of the readout.
-    quantisation : bool, default True
-        Rounding to whole digital numbers.
-
-    Raises
-    ------
-    ValueError
-        If `shot` is another word.
+    clipping, read_noise, quantisation : bool, default True
+        Saturation of the full well and of the converter; normal noise of the readout; rounding to
+        whole digital numbers.
     """
 
     dark_current: bool = True

@@ -51,17 +51,13 @@ def fringing_field_mean(
     nodes: points along a pixel's side of which the mean is taken; by default as many as the largest
         phase step needs to keep the error to TOL.
     """
-
-    def rule(axis: int) -> QuadratureRule:
-        if nodes is not None:
-            return _nodes(sigma, _gauss_nodes_on((-side / 2, side / 2), nodes))
-        steps = phase.detach().diff(dim=axis)
-        step = float(steps.abs().max()) if steps.numel() else 0.0
-        # A power of √2, so that few rules are cached.
-        step = 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
-        return _quadrature_rule(sigma, side, step)
-
-    return _FringingFieldMean.apply(phase, rule(-2), rule(-1))  # type: ignore[no-untyped-call]
+    if nodes is None:
+        down, along = (
+            _quadrature_rule(sigma, side, _rounded_largest_step(phase, axis)) for axis in (-2, -1)
+        )
+    else:
+        down = along = _nodes(sigma, _gauss_nodes_on((-side / 2, side / 2), nodes))
+    return _FringingFieldMean.apply(phase, down, along)  # type: ignore[no-untyped-call]
 
 
 class _FringingFieldMean(torch.autograd.Function):
@@ -120,6 +116,13 @@ def _filter_axis_transpose(
     total.narrow(axis, 0, 1).add_(wide.narrow(axis, 0, reach).sum(axis, keepdim=True))
     total.narrow(axis, n - 1, 1).add_(wide.narrow(axis, n + reach, reach).sum(axis, keepdim=True))
     return total
+
+
+def _rounded_largest_step(phase: torch.Tensor, axis: int) -> float:
+    """Return the largest phase step along an axis, up to a power of √2: few rules are cached."""
+    steps = phase.detach().diff(dim=axis)
+    step = float(steps.abs().max()) if steps.numel() else 0.0
+    return 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
 
 
 @lru_cache(maxsize=256)
