@@ -15,7 +15,7 @@ import torch
 from optics.fourier import fft, irfft2, rfft2
 from optics.plane import Plane, centred_crop, centred_pad, origin_to_centre, origin_to_corner
 from optics.sensor import pixel_transfer, sample_pixels
-from optics.validation import accepts_numpy, require_finite
+from optics.validation import accepts_numpy, require_amount, require_finite
 
 
 def rfft2_frequencies(plane: Plane) -> tuple[torch.Tensor, torch.Tensor]:
@@ -32,8 +32,7 @@ def spectrum_of_samples(light: torch.Tensor) -> torch.Tensor:
 
 def spectrum_of_disc(plane: Plane, diameter: float, total: float = 1.0) -> torch.Tensor:
     """Compute the rfft2 spectrum of a uniform disc, a diameter in metres, at the origin."""
-    if not 0 <= diameter < math.inf:
-        raise ValueError(f"diameter is {diameter:g} m; it can't be negative")
+    require_amount("diameter", diameter, "m")
     fy, fx = rfft2_frequencies(plane)
     argument = math.pi * diameter * torch.hypot(fy, fx)
     safe = torch.where(argument > 0, argument, torch.ones_like(argument))

@@ -17,7 +17,13 @@ from typing import Any, Literal, NamedTuple
 
 import torch
 
-from optics.validation import as_number, needs_gradient, require_positive, require_share
+from optics.validation import (
+    as_number,
+    needs_gradient,
+    require_choice,
+    require_positive,
+    require_share,
+)
 
 Scalar = Any
 """A number, or a 0-d tensor in which the result is differentiable."""
@@ -189,8 +195,7 @@ class PolarisedPath:
     first: Literal["transmitted", "reflected"] = "transmitted"
 
     def __post_init__(self) -> None:
-        if self.first not in ("transmitted", "reflected"):
-            raise ValueError(f"first is {self.first!r}; choose transmitted or reflected")
+        require_choice("first", self.first, ("transmitted", "reflected"))
 
     @property
     def jones_to_panel(self) -> torch.Tensor:

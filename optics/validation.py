@@ -211,6 +211,20 @@ def require_positive(name: str, value: Any, unit: str) -> None:
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
 
 
+def require_amount(name: str, value: float, unit: str) -> None:
+    """Raise ValueError for a number that is negative or infinite."""
+    if not 0 <= value < math.inf:
+        unit = unit and f" {unit}"
+        raise ValueError(f"{name} is {value:g}{unit}; it can't be negative or infinite")
+
+
+def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    """Raise ValueError for a word that isn't among the choices, two or more."""
+    if value not in choices:
+        named = f"{', '.join(choices[:-1])} or {choices[-1]}"
+        raise ValueError(f"{name} is {value!r}; choose {named}")
+
+
 def require_wavelength(name: str, value: Any) -> None:
     """Raise ValueError for a value that is no wavelength of light in metres."""
     require_positive(name, value, "m")
@@ -263,6 +277,19 @@ def rounded_down(value: float) -> str:
     """Format a positive number for "at most": three digits, rounded down."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}"
+
+
+def as_finite_array(name: str, value: Any, axes: str) -> torch.Tensor:
+    """Return a finite array of any kind in double precision, or raise ValueError.
+
+    axes: their names, as "(bands, rows, columns)".
+    """
+    require_unmasked(value)
+    tensor = torch.as_tensor(value, dtype=torch.float64).detach()
+    require_finite(name, tensor)
+    if tensor.ndim != axes.count(",") + 1 or not tensor.numel():
+        raise ValueError(f"{name} is {tuple(tensor.shape)}; give {axes}")
+    return tensor
 
 
 def require_finite(name: str, value: torch.Tensor) -> None:

@@ -5,18 +5,26 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
-from optics.validation import require_positive, require_share, require_size, require_wavelength
+from optics.validation import (
+    require_choice,
+    require_positive,
+    require_share,
+    require_size,
+    require_wavelength,
+)
 
 _STEEPNESS = 6
 """Exponent of an interference filter's super-Gaussian. Its transmission falls from 90 to 10 %
 within a quarter of its width."""
+
+_Shape = Literal["gaussian", "lyot", "interference", "open", "table"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,7 @@ class Band:
 
     centre: float
     fwhm: float
-    shape: Literal["gaussian", "lyot", "interference", "open", "table"] = "gaussian"
+    shape: _Shape = "gaussian"
     leak: float = 0.0
     leak_range: tuple[float, float] = (400e-9, 720e-9)
     table: Spectrum | None = None
@@ -78,10 +86,7 @@ class Band:
         require_wavelength("centre", self.centre)
         require_positive("fwhm", self.fwhm, "m")
         require_size("bandwidth", "fwhm", self.fwhm)
-        if self.shape not in ("gaussian", "lyot", "interference", "open", "table"):
-            raise ValueError(
-                f"shape is {self.shape!r}; choose gaussian, lyot, interference, open or table"
-            )
+        require_choice("shape", self.shape, get_args(_Shape))
         if (self.shape == "table") != (self.table is not None):
             raise ValueError("a table goes with the shape 'table', and only with it")
         # A filter that is twice as wide as its centre would reach down to negative wavelengths.

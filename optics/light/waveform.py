@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optics.validation import require_positive
+from optics.validation import require_choice, require_positive
+
+_Shape = Literal["constant", "sine", "square", "filament"]
 
 
 @dataclass(frozen=True)
@@ -45,15 +47,14 @@ class Waveform:
         If a number is outside its range, or the shape is another word.
     """
 
-    shape: Literal["constant", "sine", "square", "filament"] = "constant"
+    shape: _Shape = "constant"
     frequency: float = 100.0
     depth: float = 0.0
     phase: float = 0.0
     duty: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.shape not in ("constant", "sine", "square", "filament"):
-            raise ValueError(f"shape is {self.shape!r}; choose constant, sine, square or filament")
+        require_choice("shape", self.shape, get_args(_Shape))
         require_positive("frequency", self.frequency, "Hz")
         if not 0 <= self.depth <= 1:
             raise ValueError(f"depth is {self.depth:g}; light can't be negative: give 0 to 1")

@@ -10,7 +10,7 @@ import torch
 
 from optics.inverse.pixel_operators import filter_weights
 from optics.threads import single_threaded
-from optics.validation import require_count, require_finite, require_positive, require_unmasked
+from optics.validation import as_finite_array, require_count, require_positive
 
 
 def forward_matrices(psfs: torch.Tensor, filters: torch.Tensor, period: int) -> torch.Tensor:
@@ -199,18 +199,9 @@ def predict_errors(
     ----------
     Kay 1993, Fundamentals of Statistical Signal Processing: Estimation Theory, section 12.5.
     """
-    require_unmasked(psfs, response, spectra)
-    stack, shares, samples = (
-        torch.as_tensor(one, dtype=torch.float64) for one in (psfs, response, spectra)
-    )
-    for name, value, axes in (
-        ("psfs", stack, "(bands, rows, columns)"),
-        ("response", shares, "(channels, bands)"),
-        ("spectra", samples, "(samples, bands)"),
-    ):
-        require_finite(name, value)
-        if value.ndim != axes.count(",") + 1:
-            raise ValueError(f"{name} is {tuple(value.shape)}; give {axes}")
+    stack = as_finite_array("psfs", psfs, "(bands, rows, columns)")
+    shares = as_finite_array("response", response, "(channels, bands)")
+    samples = as_finite_array("spectra", spectra, "(samples, bands)")
     counts = len(stack), shares.shape[1], samples.shape[1]
     if len(set(counts)) > 1:
         raise ValueError("psfs, response and spectra have {}, {} and {} bands".format(*counts))

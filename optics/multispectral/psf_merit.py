@@ -15,7 +15,7 @@ from optics.inverse.pixel_operators import SpectralMosaic, filter_weights
 from optics.multispectral.predicted_error import predict_errors
 from optics.multispectral.restoration import restore_spectra
 from optics.threads import single_threaded
-from optics.validation import require_count, require_finite, require_positive, require_unmasked
+from optics.validation import as_finite_array, require_count, require_positive, require_unmasked
 
 _PERIOD = 128
 
@@ -126,11 +126,7 @@ def fourier_coverage(psfs: Any, *, period: int = _PERIOD) -> FourierCoverage:
 
 def _as_stack(psfs: Any) -> torch.Tensor:
     """Return PSFs in double precision; raise ValueError unless each sends light."""
-    require_unmasked(psfs)
-    stack = torch.as_tensor(psfs, dtype=torch.float64)
-    if stack.ndim != 3 or not stack.numel():
-        raise ValueError(f"psfs is {tuple(stack.shape)}; give (bands, rows, columns)")
-    require_finite("psfs", stack)
+    stack = as_finite_array("psfs", psfs, "(bands, rows, columns)")
     for number, light in enumerate(stack.sum((1, 2)).tolist()):
         if not light > 0:
             raise ValueError(f"psfs of band {number} sums to {light:g}; it must send light")
@@ -186,9 +182,7 @@ def draw_dead_leaves(spectra: torch.Tensor, side: int, generator: torch.Generato
     Lee, Mumford and Huang 2001, Occlusion models for natural images, doi 10.1023/A:1011109015675.
     """
     require_count("side", side)
-    require_finite("spectra", spectra)
-    if spectra.ndim != 2 or not spectra.numel():
-        raise ValueError(f"spectra is {tuple(spectra.shape)}; give (samples, bands)")
+    samples = as_finite_array("spectra", spectra, "(samples, bands)")
 
     def random(*shape: int) -> torch.Tensor:
         return torch.rand(shape, generator=generator, dtype=torch.float64)
@@ -203,7 +197,6 @@ def draw_dead_leaves(spectra: torch.Tensor, side: int, generator: torch.Generato
         away = (torch.arange(side, dtype=torch.float64) - place * side).abs()
         return torch.minimum(away, side - away).square()
 
-    samples = spectra.to(torch.float64)
     scene = torch.zeros(samples.shape[1], side, side, dtype=torch.float64)
     bare = torch.ones(side, side, dtype=torch.bool)
     smallest, largest = 1 / _LEAST_RADIUS**2, 1 / max(_LARGEST_SHARE * side, _LEAST_RADIUS) ** 2

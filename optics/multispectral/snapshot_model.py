@@ -13,7 +13,7 @@ import torch
 
 from optics.inverse import filter_weights
 from optics.inverse.observation import require_psf
-from optics.validation import require_finite, require_positive, require_unmasked
+from optics.validation import as_finite_array, require_positive
 
 
 @dataclass(frozen=True)
@@ -233,8 +233,8 @@ class SnapshotModel:
         ValueError
             For shapes that don't fit, or values that aren't finite or in their range.
         """
-        whole = _as_double("psfs", psfs, 3)
-        shares = _as_double("response", response, 2)
+        whole = as_finite_array("psfs", psfs, "(bands, rows, columns)")
+        shares = as_finite_array("response", response, "(channels, bands)")
         bands = len(whole)
         if shares.shape != (len(channels), bands) or len(channels) < 2:
             raise ValueError(
@@ -255,7 +255,7 @@ class SnapshotModel:
             point = torch.zeros_like(whole)
             point[:, whole.shape[1] // 2, whole.shape[2] // 2] = 1
         else:
-            point = _as_double("neutral", neutral, 3)
+            point = as_finite_array("neutral", neutral, "(bands, rows, columns)")
         if point.shape != whole.shape:
             raise ValueError(
                 f"neutral is {tuple(point.shape)} and psfs {tuple(whole.shape)}; they must be alike"
@@ -354,14 +354,3 @@ class SnapshotModel:
     def channel_masks(self, shape: Sequence[int]) -> torch.Tensor:
         """Return 1 where pixels have each channel's filter, else 0; (channels, rows, columns)."""
         return self.filters(torch.eye(len(self.response), dtype=torch.float64), shape)
-
-
-def _as_double(name: str, value: Any, axes: int) -> torch.Tensor:
-    """Return a finite array with so many axes in double precision, or raise ValueError."""
-    require_unmasked(value)
-    tensor = torch.as_tensor(value).detach().to(torch.float64)
-    require_finite(name, tensor)
-    if tensor.ndim != axes:
-        wanted = "(bands, rows, columns)" if axes == 3 else "(channels, bands)"
-        raise ValueError(f"{name} is {tuple(tensor.shape)}; give {wanted}")
-    return tensor

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import torch
 
 from optics.plane import Plane
-from optics.validation import require_positive, require_share
+from optics.validation import require_amount, require_choice, require_positive, require_share
 
 if TYPE_CHECKING:
     from optics.light.spectrum import Spectrum
@@ -155,8 +155,7 @@ class Sensor:
         for name in (
             "read_noise", "dark_current", "black_level", "prnu", "dsnu", "hot_current", "line_time"
         ):  # fmt: skip
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} is {getattr(self, name):g}; it can't be negative")
+            require_amount(name, getattr(self, name), "")
         self._require_sound_pixels()
         if not 1 <= self.bits <= 16:
             raise ValueError(f"bits is {self.bits}; a sensor has 1 to 16")
@@ -174,11 +173,7 @@ class Sensor:
         if not 0 < low <= high < math.inf:
             raise ValueError(f"exposure_range is {low:g} to {high:g} s; give the shorter first")
         Plane(self.shape, (self.pitch, self.pitch))
-        self._require_sound_dust()
-
-    def _require_sound_dust(self) -> None:
-        if not 0 <= self.dust_distance < math.inf:
-            raise ValueError(f"dust_distance is {self.dust_distance:g} m; it can't be negative")
+        require_amount("dust_distance", self.dust_distance, "m")
         if self.dust and not self.dust_distance:
             raise ValueError("dust needs its dust_distance to the pixels, more than 0 m")
         for y, x, diameter in self.dust:
@@ -204,14 +199,13 @@ class Sensor:
             raise ValueError(
                 f"dead is {self.dead:g} and hot {self.hot:g}; no more than all pixels can be either"
             )
-        if self.shutter not in ("global", "rolling"):
-            raise ValueError(f"shutter is {self.shutter!r}; choose global or rolling")
+        require_choice("shutter", self.shutter, ("global", "rolling"))
         if self.shutter == "rolling" and not self.line_time:
             raise ValueError("a rolling shutter needs its line_time, more than 0 s")
 
     @property
     def plane(self) -> Plane:
-        return Plane(self.shape, (self.pitch, self.pitch))
+        return self.window_plane(self.shape)
 
     def window_plane(
         self, shape: tuple[int, int], centre: tuple[float, float] = (0.0, 0.0)

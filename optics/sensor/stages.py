@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.sensor.sensor import Sensor
-from optics.validation import require_finite, require_positive
+from optics.validation import require_choice, require_finite, require_positive
 
 _OFFSET_STEPS = 4
 """Steps of a pixel's offset per standard deviation. With whole steps, moments can be tabulated
@@ -150,8 +150,7 @@ class Stages:
     quantisation: bool = True
 
     def __post_init__(self) -> None:
-        if self.shot not in ("none", "Gaussian", "skewed", "Poisson"):
-            raise ValueError(f"shot is {self.shot!r}; choose none, Gaussian, skewed or Poisson")
+        require_choice("shot", self.shot, get_args(ShotNoise))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from optics.gauss_legendre import gauss_legendre
+from optics.validation import require_amount, require_positive
 
 _MOST_NODES = 40
 """Largest number of nodes of a mean over a frame; chosen."""
@@ -139,7 +140,5 @@ def _gauss_rule_of_measure(
 
 
 def _require_times(frame_time: float, tau: float) -> None:
-    if not 0 < frame_time < math.inf:
-        raise ValueError(f"frame_time is {frame_time:g} s; it must be positive and finite")
-    if not 0 <= tau < math.inf:
-        raise ValueError(f"tau is {tau:g} s; it can't be negative or infinite")
+    require_positive("frame_time", frame_time, "s")
+    require_amount("tau", tau, "s")

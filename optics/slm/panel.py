@@ -13,6 +13,7 @@ import torch
 
 from optics.plane import Plane
 from optics.validation import (
+    require_amount,
     require_finite,
     require_positive,
     require_share,
@@ -128,7 +129,16 @@ class PhaseResponse:
                 f"({len(wavelengths)}), region rows, region columns and levels"
             )
         require_finite("a response", shares)
-        _require_rising(shares.detach(), wavelengths)
+        falls = (shares.detach().diff(dim=-1) < 0).nonzero()
+        if len(falls):
+            w, row, column, level = falls[0].tolist()
+            raise ValueError(
+                f"the response falls from level {level} to {level + 1} at "
+                f"{wavelengths[w] * 1e9:.0f} nm in region ({row}, {column}), and {len(falls)} "
+                "times in all; the phase must grow with the level: smooth the measurement"
+            )
+        if shares.shape[-1] < 2 or not bool((shares[..., -1] > shares[..., 0]).all()):
+            raise ValueError("the response doesn't rise from its first level to its last; it must")
         object.__setattr__(self, "shares", shares)
         object.__setattr__(self, "wavelengths", wavelengths)
 
@@ -175,19 +185,6 @@ class PhaseResponse:
                 share = (low**-2 - wavelength**-2) / (low**-2 - high**-2)
                 return torch.lerp(self.shares[one], self.shares[other], share)
         return self.shares[order[-1]]
-
-
-def _require_rising(shares: torch.Tensor, wavelengths: tuple[float, ...]) -> None:
-    falls = (shares.diff(dim=-1) < 0).nonzero()
-    if len(falls):
-        w, row, column, level = falls[0].tolist()
-        raise ValueError(
-            f"the response falls from level {level} to {level + 1} at "
-            f"{wavelengths[w] * 1e9:.0f} nm in region ({row}, {column}), and {len(falls)} times "
-            "in all; the phase must grow with the level: smooth the measurement"
-        )
-    if shares.shape[-1] < 2 or not bool((shares[..., -1] > shares[..., 0]).all()):
-        raise ValueError("the response doesn't rise from its first level to its last; it must")
 
 
 _MOST_PIXELS = 100_000_000
@@ -274,9 +271,7 @@ class Panel:
             require_share(name, getattr(self, name))
         require_size("fill_factor", "fill_factor", self.fill_factor)
         for name, unit in (("response_time", "s"), ("coupling", "m"), ("jitter", "rad")):
-            value = getattr(self, name)
-            if not 0 <= value < math.inf:
-                raise ValueError(f"{name} is {value:g} {unit}; it can't be negative or infinite")
+            require_amount(name, getattr(self, name), unit)
         if not 2 <= self.levels <= 256:
             raise ValueError(f"levels is {self.levels}; a panel has at least 2 and at most 256")
         if not self.max_phase:
