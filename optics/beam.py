@@ -28,15 +28,9 @@ from optics.propagation.fresnel_matrix import FresnelMatrices
 from optics.propagation.span import FreeSpaceSpan
 from optics.validation import accepts_numpy, require_finite, require_share
 
-_TOL = 1e-3
-"""Relative error allowed for each propagation; far below what a picture shows."""
-
-_MOST_STOP_SAMPLES = 2048
-"""Largest number of samples across the stop; chosen."""
-
-_LEAST_STRETCH = 1e-9
-"""Smallest value of the stretch m; chosen so small that a picture doesn't show the difference from
-the focus, where m is 0."""
+_TOL = 1e-3  # relative error of each propagation; far below what a picture shows
+_MOST_STOP_SAMPLES = 2048  # across the stop; chosen
+_LEAST_STRETCH = 1e-9  # of m; chosen: a picture doesn't show the difference from the focus, m = 0
 
 
 @accepts_numpy

@@ -25,25 +25,21 @@ from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
 from optics.validation import accepts_numpy, as_floating_point, require_finite, rounded_up
 
-PupilPhase = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
-"""Returns the phase in radians at pupil positions (y, x) in metres, elementwise."""
-
-SlitPhase = Callable[[torch.Tensor], torch.Tensor]
-"""Returns the phase in radians at slit positions from -1 to 1, elementwise."""
+PupilPhase = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]  # radians at (y, x) in metres
+SlitPhase = Callable[[torch.Tensor], torch.Tensor]  # radians at positions from -1 to 1
 
 
 _PROBES = 32  # values on which a node count is tested; chosen
 
-_COARSE_NODES = 24
-"""Nodes of the first evaluation of a phase, which tells how steep it is. Chosen."""
+_COARSE_NODES = 24  # of the first evaluation of a phase, which tells how steep it is; chosen
 
+# Most nodes of one Gauss-Legendre rule. Rules of thousands of nodes take longer to compute than to
+# use, so that longer ones are composed of these.
 _RULE_NODES = 128
-"""Most nodes of one Gauss-Legendre rule. Rules of thousands of nodes take longer to compute than to
-use, so that longer ones are composed of these."""
 
+# Nodes, of all values together, that are in memory at a time. They fit a processor's cache, and
+# torch uses one thread for them (see optics.threads).
 _CHUNK_NODES = 1 << 15
-"""Nodes, of all values together, that are in memory at a time. They fit a processor's cache, and
-torch uses one thread for them (see optics.threads)."""
 
 
 @accepts_numpy

@@ -25,11 +25,10 @@ from optics.validation import (
     require_share,
 )
 
-Scalar = Any
-"""A number, or a 0-d tensor in which the result is differentiable."""
+Scalar = Any  # a number, or a 0-d tensor in which the result is differentiable
 
+# Share of the light below which the elements are crossed and only rounding errors are left.
 _MIN_TRANSMISSION = (64 * torch.finfo(torch.float64).eps) ** 2
-"""Share of the light below which the elements are crossed and only rounding errors are left."""
 
 
 def _as_float64(value: Scalar) -> torch.Tensor:
@@ -238,8 +237,7 @@ class PolarisedPath:
         return PathEffect(passed, unmodulated / passed, mixed)
 
 
-_NOTHING = torch.eye(2, dtype=torch.complex128)
-"""The Jones matrix of an element that isn't there."""
+_NOTHING = torch.eye(2, dtype=torch.complex128)  # the matrix of no element
 
 
 def _polariser_matrix(polariser: Polariser | None) -> torch.Tensor:

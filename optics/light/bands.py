@@ -20,9 +20,9 @@ from optics.validation import (
     require_wavelength,
 )
 
+# Exponent of an interference filter's super-Gaussian: from 90 to 10 % within a quarter of its
+# width.
 _STEEPNESS = 6
-"""Exponent of an interference filter's super-Gaussian. Its transmission falls from 90 to 10 %
-within a quarter of its width."""
 
 _Shape = Literal["gaussian", "lyot", "interference", "open", "table"]
 

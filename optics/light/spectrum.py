@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from optics.validation import require_positive, require_wavelength
 
+# Limits in metres of what silicon detects. Spectra that aren't given by a table cover this range.
 SHORTEST_WAVELENGTH, LONGEST_WAVELENGTH = 300e-9, 1100e-9
-"""Limits in metres of the wavelengths that silicon detects. Spectra that aren't given by a table
-cover this range."""
 
 
 @dataclass(frozen=True)
@@ -120,16 +119,12 @@ class Spectrum:
         return float(np.trapezoid(self.at(x), x))
 
 
+# Range in metres in which a source's peak counts as 1, and to which liquid-crystal filters can be
+# set.
 VISIBLE = (400e-9, 720e-9)
-"""Shortest and longest wavelength, metres, of the range in which a source's peak counts as 1.
-Liquid-crystal filters can be set to wavelengths in this range."""
 
-HALOGEN_TEMPERATURE = 3200.0
-"""Colour temperature of a photographic halogen lamp in kelvin, for which tungsten film was
-balanced."""
-
-_SECOND_RADIATION_CONSTANT = 0.01438776877503933
-"""Second radiation constant h c / k in metre kelvin, exact in the SI of 2019."""
+HALOGEN_TEMPERATURE = 3200.0  # kelvin, of a photographic lamp, for which tungsten film was balanced
+_SECOND_RADIATION_CONSTANT = 0.01438776877503933  # h c / k in metre kelvin, exact in the SI of 2019
 
 
 def blackbody(

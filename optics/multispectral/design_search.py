@@ -14,11 +14,8 @@ from optics.targets import dots, linear_dispersion, ring, spiral
 from optics.threads import single_threaded
 from optics.validation import require_count, require_positive, require_share, require_wavelength
 
-Position = tuple[float, float]
-"""(y, x) of a dot in metres."""
-
-_WIDTH = 0.6
-"""Standard deviation across a stroke or of a dot, in pixels: about as sharp as pixels allow."""
+Position = tuple[float, float]  # (y, x) of a dot in metres
+_WIDTH = 0.6  # standard deviation of a stroke or a dot in pixels: about as sharp as they allow
 
 
 def ring_psfs(
@@ -227,20 +224,17 @@ def _require_wavelengths(wavelengths: Sequence[float]) -> None:
         require_wavelength("wavelength", one)
 
 
-Merit = Callable[[torch.Tensor], float]
-"""Rates a stack of PSFs, (bands, rows, columns), in dB."""
+Merit = Callable[[torch.Tensor], float]  # rates PSFs, (bands, rows, columns), in dB
 
+# Families that the search tries: rings, turns of a spiral, corners of a regular polygon of dots,
+# and dots at random places; chosen.
 _MOST_RINGS, _TURNS, _POLYGONS, _MOST_DOTS = 4, (1.0, 2.0, 3.0, 4.0), range(2, 9), 24
-"""Families that the search tries: rings, turns of a spiral, corners of a regular polygon of dots,
-and dots at random places; chosen."""
 
+# Least distance of dots from each other and from the axis at the shortest wavelength, in pixels:
+# nearer ones would be one dot, or add to the unmodulated light. Chosen.
 _LEAST_DISTANCE = 3.0
-"""Least distance of dots from each other and from the axis at the shortest wavelength, in pixels:
-nearer ones would be one dot, or add to the unmodulated light. Chosen."""
 
-_FIRST_STEP, _LAST_STEP = 0.4, 0.05
-"""Standard deviation of the first and of the last moves of a dot, relative to the radius; chosen.
-"""
+_FIRST_STEP, _LAST_STEP = 0.4, 0.05  # standard deviation of moves of a dot, over the radius; chosen
 
 
 @dataclass(frozen=True, eq=False)

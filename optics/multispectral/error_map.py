@@ -18,12 +18,11 @@ from optics.multispectral.predicted_error import predict_errors
 from optics.threads import single_threaded
 from optics.validation import require_finite, require_unmasked
 
+# Least cosine between what the filters transmit of bands that count as alike: a third of a band's
+# light, or less, then differs through the filters in more than brightness. Chosen.
 _ALIKE = 0.95
-"""Least cosine between what the filters transmit of two spectral bands that count as alike: a third
-of a band's light, or less, then differs through the filters in more than brightness. Chosen."""
 
-_SAME_PSFS = 0.99
-"""Least cosine between the PSFs of two spectral bands that count as the same; chosen."""
+_SAME_PSFS = 0.99  # least cosine between the PSFs of bands that count as the same; chosen
 
 
 def find_alike_bands(filters: torch.Tensor) -> list[tuple[int, ...]]:
@@ -73,23 +72,16 @@ def _describe_alike_bands(names: Sequence[str], psfs: torch.Tensor) -> str:
     return f"The filters see {', '.join(names[:-1])} and {names[-1]} alike: {separated}"
 
 
+# Standard deviation in pixels of the Gaussian that smooths restored light; chosen.
 _LIGHT_WIDTH = 1.0
-"""Standard deviation in pixels of the Gaussian that smooths the restored light; chosen."""
+_GRADIENT_WIDTH = 2.0  # the same for the length of the gradient; chosen
 
-_GRADIENT_WIDTH = 2.0
-"""The same for the length of the gradient; chosen."""
+# What is added to light and gradient over the scene's light, so that logarithms end in the dark.
+_LEAST_LIGHT, _LEAST_GRADIENT = 3e-3, 1e-3
 
-_LEAST_LIGHT = 3e-3
-_LEAST_GRADIENT = 1e-3
-"""What is added to light and gradient relative to the scene's light, so that their logarithms end
-in the dark; chosen."""
-
+# Least noise of the Gaussian scene over its light: without any all would be known; chosen.
 _LEAST_PREDICTED_NOISE = 3e-4
-"""Least noise of the Gaussian scene relative to its light, as without any all would be known;
-chosen."""
-
-_PERIOD = 64
-"""Least number of pixels of the Gaussian scene beside the PSFs: enough frequencies."""
+_PERIOD = 64  # least pixels of the Gaussian scene beside the PSFs: enough frequencies
 
 
 class ErrorFeatures(NamedTuple):
@@ -193,6 +185,11 @@ def _smooth(bands: torch.Tensor, sigma: float) -> torch.Tensor:
     return torch.nn.functional.conv2d(rows, weights[None, None, None, :])[:, 0]
 
 
+# Coefficients of the logarithm of the half width, by feature: see `error_features`. Fitted by
+# `python -m figures.fit_error_map` to 48 restorations of 12 scenes with four designs and noise from
+# 0 to 0.03. Where a scene's intervals came from the other scenes, they held 89 % of its lit pixels
+# in the mean; the standard deviation over scenes, designs and bands was 8 %. In the dark, below a
+# length of the spectrum of 0.1, it was 91 and 12 %.
 _COEFFICIENTS = {
     "constant": 0.033,
     "light": 0.085,
@@ -200,11 +197,6 @@ _COEFFICIENTS = {
     "gradient": 0.275,
     "predicted": 0.865,
 }
-"""Coefficients of the logarithm of the half width, by feature: see `error_features`. Fitted by
-`python -m figures.fit_error_map` to 48 restorations of 12 scenes with four designs and noise from 0
-to 0.03. Where a scene's intervals came from the other scenes, they held 89 % of its lit pixels in
-the mean; the standard deviation over scenes, designs and bands was 8 %. In the dark, below a length
-of the spectrum of 0.1, it was 91 and 12 %."""
 
 
 @dataclass(frozen=True, eq=False)

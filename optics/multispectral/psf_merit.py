@@ -18,9 +18,7 @@ from optics.threads import single_threaded
 from optics.validation import as_finite_array, require_count, require_positive, require_unmasked
 
 _PERIOD = 128
-
-_NYQUIST = 0.5
-"""Highest frequency in cycles per pixel that a row or a column of pixels can show."""
+_NYQUIST = 0.5  # highest frequency that rows and columns show, cycles per pixel
 
 
 def dispersion_power(psfs: Any) -> float:
@@ -210,13 +208,9 @@ def draw_dead_leaves(spectra: torch.Tensor, side: int, generator: torch.Generato
     return scene
 
 
-_SIDE = 96
-_ITERATIONS = 60
-"""Size of the simulated scene, and iterations of its restoration; chosen. A simulation takes a
-quarter of a second."""
-
-_LEAST_SQUARE = 1e-14
-"""Mean square error to which a simulated band may be restored exactly, in single precision."""
+# Size of the simulated scene, and iterations of its restoration; chosen: a quarter of a second.
+_SIDE, _ITERATIONS = 96, 60
+_LEAST_SQUARE = 1e-14  # mean square error of a band that is restored exactly, in single precision
 
 
 class PsfMerit:

@@ -95,12 +95,11 @@ def _excess(lengths: torch.Tensor, smoothing: float) -> torch.Tensor:
     return lengths.sum(dtype=torch.float64) - smoothing * lengths.numel()
 
 
+# Default weights and rounding, relative to white. Measured: of 25 settings, the best mean PSNR of
+# three scenes of 11 and 24 bands after 300 iterations, with ring PSFs and without noise.
 _VARIATION, _CROSS_CHANNEL, _SMOOTHING = 5e-5, 1e-4, 3e-3
-"""Default weights and rounding, relative to white. Measured: of 25 settings, the best mean PSNR of
-three scenes of 11 and 24 bands after 300 iterations, with ring PSFs and without noise."""
 
-_MEMORY = 10
-"""Number of past steps from which L-BFGS-B estimates curvature. 25 were no better: 0.03 dB."""
+_MEMORY = 10  # past steps from which L-BFGS-B estimates curvature; 25 were no better: 0.03 dB
 
 
 @single_threaded

@@ -21,9 +21,7 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_unmasked
 
-_LEAST_NOISE_SHARE = 2e-3
-"""Least noise for which a photograph is taken, relative to the rms of its light: modelled PSFs are
-never more exact."""
+_LEAST_NOISE_SHARE = 2e-3  # of the light's rms: modelled PSFs are never more exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,25 +177,23 @@ def busiest_window(observation: MosaicObservation, side: int) -> MosaicObservati
     )
 
 
+# One pixel in so many is held out, at random places. With 3, the scene between them is restored so
+# much worse that the estimates get worse.
 _HELD_OUT = 8
-"""One pixel in so many is held out, at random places. With 3, the scene between them is restored so
-much worse that the estimates get worse."""
 
+# Steps of Gauss-Newton's method: on six scenes, the zeroth order is then within 0.01 of the end.
 _VALIDATION_STEPS = 3
-"""Steps of Gauss-Newton's method. Measured on six scenes: the zeroth order is within 0.01 of the
-end after three."""
-
+# Steps of zeroth order and scale for derivatives: small beside what matters.
 _DIFFERENCES = (0.01, 0.003)
-"""Steps of zeroth order and scale for derivatives, which are small beside what matters."""
 
+# Largest step of zeroth order and scale. Beyond a zeroth order of 0.29, rings have no zeros in
+# their OTF any more, and a step across that point leads astray.
 _LARGEST_STEPS = (0.03, 0.01)
-"""Largest step of zeroth order and scale. Beyond a zeroth order of 0.29, rings have no zeros in
-their OTF any more, and a step across that point leads astray."""
 
+# Factor on the variance of the held-out residuals, whose errors are alike in neighbouring pixels
+# and which other wrong parameters change as well. Measured on six scenes: the estimate's errors are
+# about five times as large as the residuals alone let expect.
 _VALIDATION_CAUTION = 25.0
-"""Factor on the variance of the held-out residuals, whose errors are alike in neighbouring pixels
-and which other wrong parameters change as well. Measured on six scenes: the estimate's errors are
-about five times as large as the residuals alone let expect."""
 
 
 def _validate_on_held_out_pixels(
@@ -253,30 +249,25 @@ def _validate_on_held_out_pixels(
     return start + place @ ways
 
 
-_STEPS = 4
-"""Steps of Gauss-Newton's method. More change the estimates by less than their deviations."""
+_STEPS = 4  # of Gauss-Newton; more change the estimates by less than their deviations
 
+# Share of each step that is taken. Whole steps swing to and fro along some directions, along which
+# the score changes up to twice as fast as simulated photographs let expect.
 _DAMPING = 0.7
-"""Share of each step that is taken. Whole steps swing to and fro along some directions, along which
-the score changes up to twice as fast as simulated photographs let expect."""
 
-_CORRECTION_ERROR = 0.1
-"""Relative error of the expected score, which is that of the restored picture, not of the scene's:
-see _STATISTICAL_FACTOR."""
+# Relative error of the expected score, which is that of the restored picture, not of the scene's;
+# and variance of the score over that of an exactly known expected score, which the noise of both
+# and errors of the model enlarge. Chosen so that 90 % intervals hold at least as often as they say:
+# measured with 36 cameras, on photographs with measured reflectances and on scenes of 24 and 11
+# measured bands.
+_CORRECTION_ERROR, _STATISTICAL_FACTOR = 0.1, 20.0
 
-_STATISTICAL_FACTOR = 20.0
-"""Variance of the score over that of an exactly known expected score, which the noise of both and
-errors of the model enlarge. This and the number above are chosen so that 90 % intervals hold at
-least as often as they say: measured with 36 cameras, on photographs with measured reflectances and
-on scenes of 24 and 11 measured bands."""
-
+# Factor on the deviations of the PSFs' centres, which the score follows less well the farther they
+# are from the start. Chosen with the same cameras: without it, the intervals of single centres held
+# 75 to 97 % of them, with it 89 to 100 %.
 _CENTRE_CAUTION = 1.35
-"""Factor on the deviations of the PSFs' centres, which the score follows less well the farther they
-are from the start. Chosen with the same cameras: without it, the intervals of single centres held
-75 to 97 % of them, with it 89 to 100 %."""
 
-_LARGEST_STEP = 1.0
-"""Largest step of a parameter, in its prior standard deviations."""
+_LARGEST_STEP = 1.0  # of a parameter, in its prior standard deviations
 
 
 def _solve_corrected_score(
@@ -329,12 +320,9 @@ def _solve_corrected_score(
     return deviation, torch.linalg.inv(total) * caution[:, None] * caution
 
 
+# Step of each parameter for the score's derivatives, in prior standard deviations.
 _DIFFERENCE = 0.3
-"""Step of each parameter for the score's derivatives, in its prior standard deviations."""
-
-_RESPONSE_ITERATIONS = 30
-"""Iterations of the restorations that give the score's derivatives. With 30 instead of 120, they
-change by 8 % at most."""
+_RESPONSE_ITERATIONS = 30  # for derivatives; with 30 instead of 120, they change by 8 % at most
 
 
 def _score_slopes(
@@ -363,16 +351,11 @@ def _score_slopes(
     return torch.stack(columns, 1)
 
 
+# Least sides in pixels of the part of the photograph that is used, and of its part for derivatives;
+# least sides over those of the PSFs, which mustn't blur all that they show. Chosen for the time.
 _SIDE, _RESPONSE_SIDE = 192, 128
-"""Least sides in pixels of the part of the photograph that is used, and of its part for
-derivatives; chosen for the time that they take."""
-
 _PSF_SIDES, _RESPONSE_PSF_SIDES = 2.5, 2.0
-"""Least sides of these parts over those of the PSFs, which mustn't blur all that they show; chosen
-for the time as well."""
-
-_ITERATIONS = 60
-"""Iterations of each restoration on the way. With 30, held-out pixels are predicted worse."""
+_ITERATIONS = 60  # of each restoration on the way; with 30, held-out pixels are predicted worse
 
 
 @single_threaded

@@ -12,11 +12,8 @@ import torch
 from optics.multispectral.snapshot_model import ModelUncertainty, SnapshotModel
 from optics.validation import require_finite, require_unmasked
 
-NINETY_PERCENT = 1.6449
-"""Half-width of a normal variable's 90 % interval, in standard deviations."""
-
-_SHIFT_STEPS = 20
-"""Iterations of the shift that most bands have in common; more change less than 1e-6 pixels."""
+NINETY_PERCENT = 1.6449  # half-width of a normal variable's 90 % interval, in standard deviations
+_SHIFT_STEPS = 20  # of the shift that most bands share; more change less than 1e-6 pixels
 
 _NO_GAINS = (
     "Each band's overall gain: a brighter band and a more sensitive camera give the same "

@@ -162,9 +162,9 @@ def _cubic_spline(distance: torch.Tensor) -> torch.Tensor:
     return torch.where(far < 1, near, (2 - far).clamp(min=0) ** 3 / 6)
 
 
+# Pixels, and share of half a side, by which modelled PSFs are larger than the nominal ones on every
+# side: room for shifts and for growth by a few percent.
 _MARGIN, _MARGIN_SHARE = 2, 0.03
-"""Pixels, and share of half a side, by which modelled PSFs are larger than the nominal ones on
-every side: room for shifts and for growth by a few percent."""
 
 
 @dataclass(frozen=True, eq=False)

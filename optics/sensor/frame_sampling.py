@@ -10,12 +10,11 @@ from optics.sensor.sensor import Sensor
 from optics.sensor.stages import FEW_ELECTRONS, Stages, collect_electrons
 from optics.validation import require_finite, require_positive
 
+# Light, in full wells, at which expected electrons are cut off. More light makes no difference, and
+# would overflow the generator of Poisson's distribution.
 _MAX_FULL_WELLS = 4.0
-"""Light, in full wells, at which expected electrons are cut off. More light makes no difference,
-and would overflow the generator of Poisson's distribution."""
 
-_ROUNDING_VARIANCE = 1 / 12
-"""Variance that rounding to whole electrons adds to a normal draw (Sheppard)."""
+_ROUNDING_VARIANCE = 1 / 12  # that rounding to whole electrons adds to a normal draw (Sheppard)
 
 
 def expose(

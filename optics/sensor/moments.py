@@ -66,8 +66,7 @@ class _CountProbabilities:
         return part, shares / shares.sum(axis=1, keepdims=True)
 
 
-_MAX_DEVIATIONS = 8.5
-"""Standard deviations of read noise that are summed; 1e-17 of the probability lies beyond."""
+_MAX_DEVIATIONS = 8.5  # of read noise that are summed; 1e-17 of the probability lies beyond
 
 
 def _readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple[Numbers, Numbers]:
@@ -126,34 +125,22 @@ def _rounded_moments(
     return base + mean, np.maximum(square - mean**2, 0.0)
 
 
+# Offset in electrons. Nodes are evenly spaced in sqrt(electrons + offset), because the shot noise
+# of that quantity is constant (Anscombe 1948).
 _ANSCOMBE_OFFSET = 3 / 8
-"""Offset in electrons. Nodes are evenly spaced in sqrt(electrons + offset), because the shot noise
-of that quantity is constant (Anscombe 1948)."""
 
+# Electrons beyond which rounding is far finer than shot noise, so that no table is needed unless
+# pixels clip.
 _MAX_TABULATED_ELECTRONS = 2.0**17
-"""Electrons beyond which rounding is far finer than shot noise, so that no table is needed unless
-pixels clip."""
 
-_NODES_TOGETHER = 16
-"""Neighbouring nodes of a table that are computed together: two standard deviations. Chosen."""
-
-_BATCH_PIXELS = 1 << 17
-"""Pixels that are computed together; they stay in a processor's cache."""
+_NODES_TOGETHER = 16  # nodes that are computed together: two standard deviations; chosen
+_BATCH_PIXELS = 1 << 17  # computed together; they stay in a processor's cache
 
 
-_NODES_PER_UNIT = 16
-"""Computed nodes per unit of sqrt(electrons), which is two standard deviations. Chosen."""
-
-_REFINEMENT = 16
-"""Factor by which splines refine the table, so that linear interpolation is enough between the
-refined nodes. Chosen."""
-
-_STEP = 1 / (_NODES_PER_UNIT * _REFINEMENT)
-"""Distance between the refined nodes, in sqrt(electrons)."""
-
-_SATURATION_DEVIATIONS = 9.0
-"""Standard deviations of shot noise from a limit, beyond which a pixel is certainly full or
-certainly not. Chosen."""
+_NODES_PER_UNIT = 16  # of sqrt(electrons), which is two standard deviations; chosen
+_REFINEMENT = 16  # by splines, so that linear interpolation is enough in between; chosen
+_STEP = 1 / (_NODES_PER_UNIT * _REFINEMENT)  # between the refined nodes, in sqrt(electrons)
+_SATURATION_DEVIATIONS = 9.0  # of shot noise from a limit: certainly full or not beyond; chosen
 
 
 def moment_tables(

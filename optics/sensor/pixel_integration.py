@@ -25,12 +25,11 @@ from optics.sensor.pixel_weights import (
 PIXEL_OVERSAMPLING = 1.5
 """Factor by which the samples of integrate_pixels() must be finer than the light's Nyquist rate."""
 
+# Samples per pixel beyond which their number is whole: all pixels then have the same weights, which
+# are dear to fit. Chosen.
 _WHOLE_SAMPLES = 64
-"""Samples per pixel beyond which their number is whole: all pixels then have the same weights,
-which are dear to fit. Chosen."""
 
-_PASSES_PER_SAMPLE = 4.0
-"""Passes over a sample in each axis' integration, its transposed copy included; measured."""
+_PASSES_PER_SAMPLE = 4.0  # in each axis' integration, its transposed copy included; measured
 
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:

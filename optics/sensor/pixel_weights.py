@@ -14,42 +14,39 @@ from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
 
+# Ratios of the samples' rate to the light's Nyquist rate to choose from. Closer to 1, the weights
+# reach far. Chosen; the last one reaches every tolerance.
 OVERSAMPLING = (1.15, 1.3, 1.5)
-"""Ratios of the samples' rate to the light's Nyquist rate to choose from. Closer to 1, the weights
-reach far. Chosen; the last one reaches every tolerance."""
 
-WIDEST_BAND = 0.48
-"""Largest frequency in cycles per sample that weights are fitted for. Chosen."""
+WIDEST_BAND = 0.48  # largest frequency in cycles per sample that weights are fitted for; chosen
 
+# Pixels in a row that are integrated by one matrix; measured to be the fastest. The samples per
+# pixel are whole multiples of its inverse, so that the next block needs the same matrix.
 BLOCK = 16
-"""Pixels in a row that are integrated by one matrix; measured to be the fastest. The samples per
-pixel are whole multiples of its inverse, so that the next block needs the same matrix."""
 
+# Relative L2 error of the light on pixels over the largest deviation of the weights' transfer
+# function along an axis: 2 axes, times 2 because a pixel averages out fine fringes that count in
+# the deviation.
 _ERROR_MARGIN = 4.0
-"""Relative L2 error of the light on pixels over the largest deviation of the weights' transfer
-function along an axis: 2 axes, times 2 because a pixel averages out fine fringes that count in the
-deviation. Derived."""
 
+# Samples on either side of a pixel that another digit needs, times the oversampling beyond 1.
+# Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it meets within a quarter.
 _SAMPLES_PER_DIGIT = 0.75
-"""Samples on either side of a pixel that another digit needs, times the oversampling beyond 1.
-Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it meets within a quarter."""
 
 _FIRST_DIGIT_STEPS = 2.0  # samples in which the error is first taken to fall to a tenth; chosen
 _STALLED_STEPS = 3  # steps of the search after which an error that hardly falls ends it; chosen
 _MAX_REACH = 96  # most samples on either side; chosen: the error is down to rounding there
 
-FIT_SECONDS = 2e-9
-"""Processor seconds in which the weights of a pixel are fitted, over its samples' third power;
-measured at up to 750 samples."""
+FIT_SECONDS = 2e-9  # to fit weights, over samples³; measured at up to 750
 
+# Time to fit a pixel's weights: fixed, in calls; for each square of the samples on either side, in
+# cosines; for each third power of them, in multiplications in double precision. Measured for 2 to
+# 64.
 _CALLS_PER_FIT, _COSINES_PER_FIT, _PRODUCTS_PER_FIT = 0.26, 260.0, 450.0
-"""Time to fit a pixel's weights: fixed, in calls; for each square of the samples on either side, in
-cosines; for each third power of them, in multiplications in double precision. Measured for 2 to 64
-samples on either side."""
 
+# Singular values of the weights' fit below this share of the tolerance, relative to the largest,
+# are left out. Chosen: the fit loses far less than the tolerance.
 _NEGLIGIBLE = 0.03
-"""Singular values of the weights' fit below this share of the tolerance, relative to the largest,
-are left out. Chosen: the fit loses far less than the tolerance."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -130,13 +130,13 @@ def sensor_as_read(
     )
 
 
+# Pixels that share the largest number from which on they can be a pile. Chosen: noise alone seldom
+# leaves so many in the last number of a picture.
 LEAST_PILE = 20
-"""Pixels that share the largest number from which on they can be a pile. Chosen: noise alone seldom
-leaves so many in the last number of a picture."""
 
+# Pixels at the largest number over those at the next that occurs, from which on they are a pile.
+# Chosen: without clipping, fewer pixels have the largest number than the next one.
 _STEEP = 2
-"""Pixels at the largest number over those at the next that occurs, from which on they are a pile.
-Chosen: without clipping, fewer pixels have the largest number than the next one."""
 
 
 def top_pile(numbers: NDArray[np.generic]) -> int | None:

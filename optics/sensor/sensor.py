@@ -91,11 +91,8 @@ class Mosaic:
         return channels.gather(0, which[None])[0]
 
 
-_MAX_PRNU = 0.2
-"""Largest PRNU. With more, a pixel's response to light might be negative."""
-
-_MAX_CROSSTALK = 0.25
-"""Largest crosstalk. With more, a pixel would collect less than its neighbours."""
+_MAX_PRNU = 0.2  # with more, a pixel's response to light might be negative
+_MAX_CROSSTALK = 0.25  # with more, a pixel would collect less than its neighbours
 
 
 @dataclass(frozen=True)

@@ -14,16 +14,9 @@ from numpy.typing import NDArray
 from optics.sensor.sensor import Sensor
 from optics.validation import require_choice, require_finite, require_positive
 
-_OFFSET_STEPS = 4
-"""Steps of a pixel's offset per standard deviation. With whole steps, moments can be tabulated
-exactly."""
-
-_MAX_DEVIATIONS = 4.5
-"""Standard deviations at which the random pattern is cut off. One pixel in 150,000 would lie
-beyond."""
-
-MAX_OFFSET_STEP = round(_MAX_DEVIATIONS * _OFFSET_STEPS)
-"""Largest number of offset steps of a pixel."""
+_OFFSET_STEPS = 4  # per standard deviation; with whole steps, moments can be tabulated exactly
+_MAX_DEVIATIONS = 4.5  # at which the random pattern is cut off: one pixel in 150,000 lies beyond
+MAX_OFFSET_STEP = round(_MAX_DEVIATIONS * _OFFSET_STEPS)  # largest number of a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +60,8 @@ def has_fixed_pattern(sensor: Sensor) -> bool:
     return sensor.prnu > 0 or sensor.dsnu > 0 or sensor.dead > 0 or sensor.hot > 0
 
 
+# Equal sensors share one entry, which lasts as long as the first of them.
 _cached_patterns: WeakKeyDictionary[Sensor, FixedPattern] = WeakKeyDictionary()
-"""Patterns by sensor. Equal sensors share one entry, which lasts as long as the first of them."""
 
 
 def fixed_pattern(sensor: Sensor) -> FixedPattern:
@@ -116,9 +109,9 @@ def fixed_pattern(sensor: Sensor) -> FixedPattern:
 
 ShotNoise = Literal["none", "Gaussian", "skewed", "Poisson"]
 
+# Expected electrons below which shot noise is always sampled from Poisson's distribution. It costs
+# as little there, and a normal distribution would be cut off at 0.
 FEW_ELECTRONS = 10.0
-"""Expected electrons below which shot noise is always sampled from Poisson's distribution. It costs
-as little there, and a normal distribution would be cut off at 0."""
 
 
 @dataclass(frozen=True)

@@ -20,18 +20,13 @@ from torch.nn.functional import pad
 
 from optics.gauss_legendre import gauss_legendre
 
-TOL = 3e-3
-"""Largest error of a pixel's mean field next to the largest phase step; elsewhere it is smaller."""
+TOL = 3e-3  # error of a pixel's mean field next to the largest phase step; smaller elsewhere
+_REACH = 4.9  # standard deviations beyond which a Gaussian holds a millionth of its area
+NodesAndWeights = tuple[np.ndarray, np.ndarray]  # of quadrature, from -1/2 to 1/2 across a pixel
 
-_REACH = 4.9
-"""Standard deviations beyond which a Gaussian holds a millionth of its area."""
-
-NodesAndWeights = tuple[np.ndarray, np.ndarray]
-"""Quadrature nodes from -1/2 to 1/2 across a pixel, and their weights."""
-
+# For each quadrature node along an axis: its weight, and the weights of the neighbouring pixels'
+# phases in the phase at the node.
 QuadratureRule = tuple[tuple[float, tuple[float, ...]], ...]
-"""For each quadrature node along an axis: its weight, and the weights of the neighbouring pixels'
-phases in the phase at the node."""
 
 
 def fringing_field_mean(

@@ -15,8 +15,7 @@ import torch
 from optics.gauss_legendre import gauss_legendre
 from optics.validation import require_amount, require_positive
 
-_MOST_NODES = 40
-"""Largest number of nodes of a mean over a frame; chosen."""
+_MOST_NODES = 40  # of a mean over a frame; chosen
 
 
 def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:

@@ -85,12 +85,11 @@ def max_gap_power(panel: Panel) -> float:
     return (1 + gap_amplitude(panel)) ** 2
 
 
+# Largest error of a mean over a frame, for the two pixels whose phases change most differently. The
+# error of pictures is far smaller.
 TOL = 1e-2
-"""Largest error of a mean over a frame, for the two pixels whose phases change most differently.
-The error of pictures is far smaller."""
 
-FLICKER_TOL = 1e-3
-"""Largest error of a mean over the flicker, for the pixel of the largest phase."""
+FLICKER_TOL = 1e-3  # largest error of a mean over flicker, for the pixel of the largest phase
 
 
 class Modulator:

@@ -187,8 +187,7 @@ class PhaseResponse:
         return self.shares[order[-1]]
 
 
-_MOST_PIXELS = 100_000_000
-"""Pixels of a panel, whose pattern alone takes 0.8 GB. Chosen: twelve times a panel of 4K."""
+_MOST_PIXELS = 100_000_000  # a pattern takes 0.8 GB; chosen: twelve times a panel of 4K
 
 
 @dataclass(frozen=True)
