@@ -180,18 +180,15 @@ class PathEffect(NamedTuple):
 class PolarisedPath:
     """Describe the polarising elements that light passes on its way to the panel and to the lens.
 
-    light: polarisation of the object's light. polariser: light passes it once, before the
-    splitter. splitter: light passes it twice, to the panel and back (thesis Fig. 5.6). first:
-    whether light is transmitted or reflected by the splitter on its way to the panel; on the way
-    back it is the other. analyser: a second polariser, behind the splitter. Light passes a single
-    polariser between splitter and panel twice; give it as both. None stands for no element.
+    Light passes a single polariser between splitter and panel twice; give it as both. None stands
+    for no element.
     """
 
     light: SourcePolarisation = SourcePolarisation()
-    polariser: Polariser | None = None
-    splitter: BeamSplitter | None = None
-    analyser: Polariser | None = None
-    first: Literal["transmitted", "reflected"] = "transmitted"
+    polariser: Polariser | None = None  # before the splitter
+    splitter: BeamSplitter | None = None  # passed twice, to the panel and back (thesis Fig. 5.6)
+    analyser: Polariser | None = None  # behind the splitter
+    first: Literal["transmitted", "reflected"] = "transmitted"  # to the panel; back, the other
 
     def __post_init__(self) -> None:
         require_choice("first", self.first, ("transmitted", "reflected"))

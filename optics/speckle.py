@@ -35,11 +35,6 @@ class RoughSurface:
     patterns : float, optional
         Independent patterns of equal light that every exposure averages, of a lamp's modes, or of a
         diffuser that turns in its light; 1 or more.
-
-    Raises
-    ------
-    ValueError
-        If the roughness isn't a positive length, or there is less than one pattern.
     """
 
     roughness: float
@@ -111,15 +106,11 @@ class SpeckleGrain:
 
     The field's correlation is the Fourier transform of the pupil's light (Van Cittert and Zernike),
     as wide as the sharpest PSF: about wavelength times f-number.
-
-    light: the pupil's light on cells, (rows, columns), the axis at n // 2.
-    cell: side of a cell, metres.
-    lever: wavelength times image distance, m².
     """
 
-    light: Array
-    cell: float
-    lever: float
+    light: Array  # the pupil's, on cells, (rows, columns), the axis at n // 2
+    cell: float  # side of a cell, metres
+    lever: float  # wavelength times image distance, m²
 
     def pixel_variance(self, pitch: float, path: tuple[float, float] = (0.0, 0.0)) -> float:
         """Return 1/M of a square pixel that integrates speckle, which moves (y, x) metres.

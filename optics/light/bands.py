@@ -44,29 +44,20 @@ class Band:
 
     Parameters
     ----------
-    centre : float
-        Central wavelength in metres.
-    fwhm : float
-        Full width at half maximum in metres, less than twice the centre; for "lyot" a quarter of
-        the centre at most.
+    centre, fwhm : float
+        Central wavelength and full width at half maximum in metres; the width is less than twice
+        the centre, and for "lyot" a quarter of it at most.
     shape : {"gaussian", "lyot", "interference", "open", "table"}, default "gaussian"
         Shape of the curve.
-    leak : float, default 0.0
-        Transmission that is added everywhere in `leak_range`, from 0 to below 1.
-    leak_range : tuple of float, default (400e-9, 720e-9)
-        Shortest and longest wavelength of the leak, metres.
+    leak, leak_range : float, default 0.0, tuple of float, default (400e-9, 720e-9)
+        Transmission, from 0 to below 1, that is added everywhere from a shortest to a longest
+        wavelength in metres.
     table : Spectrum, optional
         Measured curve, for the shape "table" only.
     effective_index : float, default math.inf
         Refractive index that stands for the layers of a thin-film filter when light passes aslant,
-        1 or more; see `at_angle`. Mostly 1.5 to 2.5; infinite for a band that doesn't shift.
-
-    Raises
-    ------
-    ValueError
-        If a length isn't positive, the width or the leak is too large, the leak's range runs
-        backwards, the shape is another word, a table comes without that shape or that shape
-        without one, or the effective index is below 1 or that of a Lyot filter.
+        1 or more; see `at_angle`. Mostly 1.5 to 2.5; infinite for a band that doesn't shift, as a
+        Lyot filter's.
 
     References
     ----------

@@ -30,21 +30,12 @@ class Waveform:
 
     Parameters
     ----------
-    shape : {"constant", "sine", "square", "filament"}, default "constant"
-        Shape of the curve.
-    frequency : float, default 100.0
-        Frequency of the light in Hz: twice that of the mains.
-    depth : float, default 0.0
-        Depth of the modulation, 0 to 1.
-    phase : float, default 0.0
-        Phase at t = 0, radians.
+    shape, frequency : {"constant", "sine", "square", "filament"}, float, default 100.0
+        Shape of the curve, constant by default, and its frequency in Hz: twice that of the mains.
+    depth, phase : float, default 0.0
+        Depth of the modulation, 0 to 1, and phase at t = 0, radians.
     duty : float, default 0.5
         Share of a period in which a square wave is bright, between 0 and 1.
-
-    Raises
-    ------
-    ValueError
-        If a number is outside its range, or the shape is another word.
     """
 
     shape: _Shape = "constant"

@@ -208,10 +208,8 @@ class ErrorMap:
     half_width : torch.Tensor or numpy.ndarray, (bands, rows, columns)
         Half the width of an interval around each restored value that is estimated to hold the true
         one with a probability of 0.9; in the picture's unit, above 0.
-    uncertain_bands : tuple of int
-        Indices of the bands that only the PSFs separate, as the filters see them alike.
-    message : str
-        What these bands are, in words; empty if there are none.
+    uncertain_bands, message : tuple of int, str
+        Indices of the bands that only the PSFs separate, as the filters see them alike; in words.
     """
 
     half_width: Any
@@ -239,10 +237,8 @@ def estimate_error_map(
 
     Parameters
     ----------
-    observation : MosaicObservation
-        The raw picture with its filters and PSFs, as it was restored.
-    restored : RestoredImage
-        The result of `restore_spectra`.
+    observation, restored : MosaicObservation, RestoredImage
+        The raw picture with its filters and PSFs, and the result of `restore_spectra`.
     spectra : torch.Tensor or numpy.ndarray, (samples, bands)
         The typical spectra with which it was restored.
     labels : sequence of str, optional
@@ -256,8 +252,7 @@ def estimate_error_map(
     Raises
     ------
     ValueError
-        If the picture, the spectra or the labels don't fit the observation, or aren't finite, or
-        if the picture has no light.
+        If something doesn't fit the observation, or isn't finite, or the picture has no light.
 
     References
     ----------

@@ -185,15 +185,13 @@ def calibrate_from_frames(
     ----------
     prior : SnapshotCalibration
         What is known before, as of `SnapshotCalibration.nominal`.
-    flats : torch.Tensor or numpy.ndarray, (bands, rows, columns), optional
-        Raw frame of an evenly lit white surface for each band, less the dark frame, in any unit.
-    stars : torch.Tensor or numpy.ndarray, (bands, rows, columns), optional
-        Raw frame of a point source through the coded pattern for each band, less the dark frame,
-        of the same pixels in all bands. Nothing may be clipped.
-    noise : float
-        Standard deviation of a dark pixel of these frames, in their unit, above 0.
-    photon_variance : float, default 0
-        Variance of photon noise over light, in the frames' unit: that of one electron.
+    flats, stars : torch.Tensor or numpy.ndarray, (bands, rows, columns), optional
+        Raw frames for each band, less the dark frame, of an evenly lit white surface, in any unit;
+        and of a point source through the coded pattern, of the same pixels in all bands. Nothing
+        may be clipped.
+    noise, photon_variance : float, default 0
+        Standard deviation of a dark pixel of these frames, in their unit, above 0; variance of
+        photon noise over light, in the same unit: that of one electron.
 
     Returns
     -------
@@ -203,8 +201,7 @@ def calibrate_from_frames(
     Raises
     ------
     ValueError
-        Without frames, or for frames of another shape, too small or not finite, for noise that
-        isn't positive, or for a negative photon variance.
+        Without frames, or for frames of another shape, too small or not finite, or another number.
     """
     require_positive("noise", noise, "in the frames' unit")
     if not 0 <= photon_variance < np.inf:

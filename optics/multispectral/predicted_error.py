@@ -79,11 +79,9 @@ class SceneSpectrum:
 
     Parameters
     ----------
-    slope : float
-        Power of the frequency by which the scene's power falls, above 0.
-    contrast : float
-        Standard deviation of the light over the picture, relative to its root mean square; above 0
-        and at most 1.
+    slope, contrast : float
+        Power of the frequency by which the scene's power falls, above 0; standard deviation of the
+        light over the picture, relative to its root mean square, above 0 and at most 1.
     """
 
     slope: float = _SLOPE
@@ -125,15 +123,13 @@ class PredictedErrors:
 
     @property
     def mean_psnr(self) -> float:
-        """Mean PSNR over the bands, in dB."""
         return float(self.psnr.mean())
 
     @property
     def separated_share(self) -> torch.Tensor:
         """Share of each band's variance that only the PSFs separate from other bands.
 
-        It is what filters and typical spectra leave unknown less what the PSFs leave. It is
-        negative where blur costs more than the dispersion separates.
+        It is negative where blur costs more than the dispersion separates.
         """
         return (self.filters_rms.square() - self.rms.square()) / self.prior_rms.square()
 
@@ -154,30 +150,25 @@ def predict_errors(
 ) -> PredictedErrors:
     """Predict the errors of bands that are restored from one photograph.
 
-    The prediction is the posterior covariance of a Gaussian scene, given the raw picture with white
-    noise. With a `noise_excess` of 1 it is the error of the best possible linear restoration, and
-    for Gaussian scenes of any; the default predicts that of `restore_spectra`. It is meant to
-    compare PSFs: a given scene may be several decibels off, but alike for all PSFs. What sharp
-    edges add to the separation of bands isn't in it: see `PsfMerit`.
-
-    The covariance is the power spectrum of `scene` times the second moments of `spectra`. The
-    mosaic couples as many frequencies as its pattern has pixels, so that the matrices are small.
-    Edges of the picture don't count: the scene repeats.
+    The prediction is the posterior covariance of a Gaussian scene that repeats, given the raw
+    picture with white noise. With a `noise_excess` of 1 it is the error of the best possible linear
+    restoration; the default predicts that of `restore_spectra`. It is meant to compare PSFs: a
+    given scene may be several decibels off, but alike for all PSFs. What sharp edges add to the
+    separation of bands isn't in it: see `PsfMerit`. The covariance is the power spectrum of `scene`
+    times the second moments of `spectra`. The mosaic couples as many frequencies as its pattern has
+    pixels, so that the matrices are small.
 
     Parameters
     ----------
     psfs : torch.Tensor or numpy.ndarray, (bands, rows, columns)
         PSF of each band, with its origin at n // 2.
-    response : torch.Tensor or numpy.ndarray, (channels, bands)
-        Share of each band that the filter of each letter transmits.
+    response, channels : torch.Tensor or numpy.ndarray, (channels, bands), str, default "RGB"
+        Share of each band that the filter of each letter transmits, and the letters in its order.
     pattern : sequence of str
         Rows of one letter per pixel that repeat, as ``("RG", "GB")``.
-    spectra : torch.Tensor or numpy.ndarray, (samples, bands)
-        Typical spectra of the scene; 1 is the peak of the predicted PSNR.
-    noise : float
-        Standard deviation of a pixel of the raw picture, above 0.
-    channels : str, default "RGB"
-        Letters of the channels, in the order of `response`.
+    spectra, noise : torch.Tensor or numpy.ndarray, (samples, bands), float
+        Typical spectra of the scene, where 1 is the peak of the predicted PSNR; standard deviation
+        of a pixel of the raw picture, above 0.
     scene, noise_excess : SceneSpectrum, optional, and float, default 2.0
         Power spectrum of the scene, and factor on the noise, above 0, by which a restoration that
         doesn't know it is worse than the best linear one.

@@ -158,10 +158,8 @@ def draw_dead_leaves(spectra: torch.Tensor, side: int, generator: torch.Generato
 
     Parameters
     ----------
-    spectra : torch.Tensor, (samples, bands)
-        Typical spectra.
-    side : int
-        Rows and columns of the scene.
+    spectra, side : torch.Tensor, (samples, bands), int
+        Typical spectra, and rows and columns of the scene.
     generator : torch.Generator
         Source of random numbers.
 

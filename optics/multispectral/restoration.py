@@ -148,11 +148,10 @@ def restore_spectra(
         Typical spectra on the scale of the scene's bands, of materials that differ from each other;
         as many as bands or more.
     weight : float, optional
-        Regularisation weight. Chosen from noise and picture if None.
-    iterations : int, default 100
-        Number of iterations of the first restoration, 1 or more; the second has 1.5 times as many.
-    adapts : bool, default True
-        Whether the scene's own spectra are estimated, which takes 2.5 times as long.
+        Regularisation weight, above 0. Chosen from noise and picture if None.
+    iterations, adapts : int, default 100, bool, default True
+        Iterations of the first restoration; whether the scene's own spectra are estimated for a
+        second one, which takes 1.5 times as many.
     progress : Progress, optional
         Receives reports, and can cancel the work.
 
@@ -164,8 +163,7 @@ def restore_spectra(
     Raises
     ------
     ValueError
-        For spectra that aren't finite, too few, or of another number of bands; for a weight that
-        isn't positive, or no iteration.
+        For spectra that aren't finite, too few, or of another number of bands, or another number.
 
     References
     ----------

@@ -93,14 +93,12 @@ class SnapshotCalibration:
     ----------
     model : SnapshotModel
         The nominal model with its parameters.
-    deviation : torch.Tensor, (parameters,), float64
-        Estimated deviation of each parameter from nominal: see ParameterLayout.
-    covariance : torch.Tensor, (parameters, parameters), float64
-        Covariance of the errors of `deviation`, with the shift of all bands together.
-    transmission : BandTransmission, optional
-        Transmission of each band. Each band's gain is indeterminate if None.
-    source : str
-        What the estimates come from, in words.
+    deviation, covariance : torch.Tensor, (parameters,) and (parameters, parameters), float64
+        Estimated deviation of each parameter from nominal (see ParameterLayout), and covariance of
+        its errors, with the shift of all bands together.
+    transmission, source : BandTransmission, optional, and str
+        Transmission of each band, whose gains are indeterminate if None; what the estimates come
+        from, in words.
     """
 
     model: SnapshotModel

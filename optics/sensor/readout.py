@@ -67,8 +67,8 @@ def sensor_as_read(
     sensor : Sensor
         As it is described, for whole frames of single pixels.
     amplification_db : float, default 0
-        By how much more the signal is amplified, in decibels: 20 of them are a factor of 10. Read
-        noise is kept in electrons, although amplifiers in front of a converter lower it.
+        By how much more the signal is amplified: 20 dB are a factor of 10. Read noise is kept in
+        electrons, although amplifiers in front of a converter lower it.
     region : tuple of int, optional
         x, y, width and height in pixels; all by default.
     binning, averaged : int, default 1
@@ -82,8 +82,8 @@ def sensor_as_read(
     Raises
     ------
     ValueError
-        If a number is invalid, or the region lies outside of the sensor, is smaller than a binned
-        pixel, or binning would mix the colours of a mosaic.
+        If the region lies outside of the sensor, is smaller than a binned pixel, or binning would
+        mix the colours of a mosaic.
 
     References
     ----------
