@@ -239,9 +239,8 @@ class _Integral(ABC):
         if turn is None or not turn.requires_grad:
             return self._map_in_chunks(values, nodes, parameters)
         # The gradient computes the sums again, so that the nodes needn't stay in memory.
-        return self._map_in_chunks(
-            functools.partial(checkpoint, values, use_reentrant=False), nodes, parameters
-        )
+        again = functools.partial(checkpoint, values, use_reentrant=False)
+        return self._map_in_chunks(again, nodes, parameters)
 
     def _map_in_chunks(
         self,

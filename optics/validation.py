@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -68,11 +68,10 @@ def _to_numpy(value: Any) -> Any:
 
 
 def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a function of tensors to accept and return numpy arrays.
+    """Decorate a function of tensors to accept numpy arrays, and to return them then.
 
-    The function returns numpy arrays if one of its arguments is a numpy array. Otherwise it is
-    called unchanged, so that gradients propagate. Results are converted if they are tensors or
-    tuples of tensors.
+    Without any it is called unchanged, so that gradients propagate. Results are converted if they
+    are tensors or tuples of tensors.
     """
 
     @functools.wraps(function)
@@ -81,9 +80,8 @@ def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
         require_unmasked(*given)
         if not any(isinstance(value, np.ndarray) for value in given):
             return function(*args, **kwargs)
-        inner_args = [_to_tensor(value) for value in args]
-        inner_kwargs = {name: _to_tensor(value) for name, value in kwargs.items()}
-        return _to_numpy(function(*inner_args, **inner_kwargs))
+        named = {name: _to_tensor(value) for name, value in kwargs.items()}
+        return _to_numpy(function(*map(_to_tensor, args), **named))
 
     return wrapper
 
@@ -140,15 +138,11 @@ def require_reverse_mode(value: torch.Tensor) -> None:
 
     Optical operations have derivatives of their own, which these would pass by.
     """
-    functorch = torch._C._functorch
+    functorch, unpack = torch._C._functorch, cast(Any, forward_ad.unpack_dual)
+    wrapped = functorch.is_functorch_wrapped_tensor(value)
     # No tensor has a tangent outside of a dual level.
-    unpack: Any = forward_ad.unpack_dual
     is_dual = forward_ad._current_level >= 0 and unpack(value).tangent is not None
-    if (
-        is_dual
-        or functorch.is_functorch_wrapped_tensor(value)
-        or functorch.is_legacy_batchedtensor(value)
-    ):
+    if is_dual or wrapped or functorch.is_legacy_batchedtensor(value):
         raise NotImplementedError(
             "optics computes no derivatives inside torch.func (vmap, grad, jvp, hessian), in "
             "forward mode or with vectorize=True; give a batch (..., rows, columns) in one call, "

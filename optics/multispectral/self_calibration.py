@@ -183,8 +183,8 @@ _HELD_OUT = 8
 
 # Steps of Gauss-Newton's method: on six scenes, the zeroth order is then within 0.01 of the end.
 _VALIDATION_STEPS = 3
-# Steps of zeroth order and scale for derivatives: small beside what matters.
-_DIFFERENCES = (0.01, 0.003)
+
+_DIFFERENCES = (0.01, 0.003)  # of zeroth order and scale, for derivatives
 
 # Largest step of zeroth order and scale. Beyond a zeroth order of 0.29, rings have no zeros in
 # their OTF any more, and a step across that point leads astray.

@@ -135,8 +135,6 @@ _MAX_TABULATED_ELECTRONS = 2.0**17
 
 _NODES_TOGETHER = 16  # nodes that are computed together: two standard deviations; chosen
 _BATCH_PIXELS = 1 << 17  # computed together; they stay in a processor's cache
-
-
 _NODES_PER_UNIT = 16  # of sqrt(electrons), which is two standard deviations; chosen
 _REFINEMENT = 16  # by splines, so that linear interpolation is enough in between; chosen
 _STEP = 1 / (_NODES_PER_UNIT * _REFINEMENT)  # between the refined nodes, in sqrt(electrons)

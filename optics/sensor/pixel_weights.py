@@ -53,16 +53,14 @@ _NEGLIGIBLE = 0.03
 class PixelWeights:
     """Weights of the samples around a pixel in the light's integral over it.
 
-    weights: float64, (pixels, samples), for the pixels of a block, of which the first one's centre
-    is on a sample; the middle one of the samples is the nearest to the pixel's centre. factor:
-    samples per pixel, a multiple of the block's inverse. error: relative L2 error of the light on
-    pixels. fits: samples on either side of a pixel in each fit that led to the weights, halved
-    where the pixel's symmetry halved the fit.
+    They are (pixels, samples), float64, for the pixels of a block, of which the first one's centre
+    is on a sample; the middle one of the samples is the nearest to the pixel's centre.
     """
 
     weights: torch.Tensor
-    factor: Fraction
-    error: float
+    factor: Fraction  # samples per pixel, a multiple of the block's inverse
+    error: float  # relative L2, of the light on pixels
+    # Samples on either side of a pixel in each fit that led here, halved where symmetry halved it.
     fits: tuple[float, ...] = ()
 
     @property
@@ -72,13 +70,12 @@ class PixelWeights:
 
     def fit_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds in which the weights were found."""
-        each = (
+        return sum(
             _CALLS_PER_FIT * speed.call
             + _COSINES_PER_FIT * half**2 * speed.cosine
             + _PRODUCTS_PER_FIT * half**3 * speed.multiply_add * speed.double
             for half in self.fits
         )
-        return sum(each)
 
     @property
     def margin(self) -> int:
@@ -95,13 +92,13 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
     best one. Elsewhere the function is free, so that the weights reach much less far than those of
     a band-limited interpolation.
 
-    factor: samples per pixel, a multiple of 1/16 and 1 or more.
-    band: the light's highest frequency in cycles per sample, below 1/2.
-    tol: relative L2 error of the light on pixels that is allowed. The weights' error, measured at
-        other frequencies than those of the fit, exceeds it only if it is beyond double precision.
+    factor: samples per pixel, a multiple of 1/16 and 1 or more. band: the light's highest frequency
+    in cycles per sample, below 1/2. tol: relative L2 error of the light on pixels that is allowed;
+    the weights', measured at other frequencies than those of the fit, exceeds it only if it is
+    beyond double precision.
     """
-    # A pixel's centre between two samples is the hardest case, and one on a sample the easiest.
-    # How far the pixels' centres lie beyond the nearest sample, in samples:
+    # How far the pixels' centres lie beyond the nearest sample, in samples: one between two samples
+    # is the hardest case, and one on a sample the easiest.
     centres = [pixel * factor for pixel in range(BLOCK)]
     by_pixel = [float(one - math.floor(one + Fraction(1, 2))) for one in centres]
     offsets = sorted(set(by_pixel), key=abs)
@@ -178,11 +175,10 @@ def _step_towards(tol: float, tried: dict[int, float], reach: int) -> int:
 def _fit_weights(
     factor: Fraction, band: float, reach: int, offset: float, tol: float
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit the weights of 2 reach + 1 samples to a pixel's transfer function.
+    """Fit the weights of 2 reach + 1 samples to a pixel's transfer function, and tell their error.
 
-    offset: of the pixel's centre from the middle sample. Returns the weights and their error, which
-    shall be within `tol`. What the samples can hardly tell apart gets no weight: huge weights of
-    opposite signs would amplify rounding.
+    The pixel's centre has an offset from the middle sample. What the samples can hardly tell apart
+    gets no weight: huge weights of opposite signs would amplify rounding.
     """
     width = float(factor)
     negligible = min(max(_NEGLIGIBLE * tol, 1e-15), 1e-6)

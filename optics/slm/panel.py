@@ -176,7 +176,7 @@ class PhaseResponse:
 
     def at(self, wavelength: float) -> torch.Tensor:
         """Interpolate the shares at a wavelength, (region rows, region columns, levels)."""
-        order = sorted(range(len(self.wavelengths)), key=lambda k: self.wavelengths[k])
+        order = sorted(range(len(self.wavelengths)), key=self.wavelengths.__getitem__)
         known = [self.wavelengths[k] for k in order]
         if wavelength <= known[0]:
             return self.shares[order[0]]
