@@ -59,6 +59,11 @@ class Band:
         1 or more; see `at_angle`. Mostly 1.5 to 2.5; infinite for a band that doesn't shift, as a
         Lyot filter's.
 
+    Raises
+    ------
+    ValueError
+        For another word, a number outside of its range, or a table without that shape.
+
     References
     ----------
     B. Lyot 1944, Ann. Astrophys. 7, 31; J. W. Evans 1949, J. Opt. Soc. Am. 39, 229,

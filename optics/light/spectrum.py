@@ -183,6 +183,11 @@ def halogen(temperature: float = HALOGEN_TEMPERATURE) -> Spectrum:
     -------
     Spectrum
         Relative: 1 where it is brightest between 400 and 720 nm.
+
+    Raises
+    ------
+    ValueError
+        If the temperature is below 1000 K or not finite.
     """
     return blackbody(temperature)
 

@@ -36,6 +36,11 @@ class Waveform:
         Depth of the modulation, 0 to 1, and phase at t = 0, radians.
     duty : float, default 0.5
         Share of a period in which a square wave is bright, between 0 and 1.
+
+    Raises
+    ------
+    ValueError
+        For another word, or a number outside of its range.
     """
 
     shape: _Shape = "constant"

@@ -17,7 +17,7 @@ from optics.inverse.blur import transfer_function
 from optics.multispectral.snapshot_calibration import SnapshotCalibration
 from optics.multispectral.snapshot_model import SnapshotModel
 from optics.threads import single_threaded
-from optics.validation import require_finite, require_positive, require_unmasked
+from optics.validation import as_finite_array, require_positive
 
 # Standard deviation of what interpolation leaves wrong of a PSF's pixel, relative to the brightest
 # of the pixels around it. Measured with rings and peaks of 0.6 pixels.
@@ -143,14 +143,10 @@ def _star_corner(model: SnapshotModel, frames: torch.Tensor, sides: list[int]) -
 
 def _as_frames(name: str, frames: Any, model: SnapshotModel) -> torch.Tensor:
     """Return frames in double precision, one for each band."""
-    require_unmasked(frames)
-    tensor = torch.as_tensor(np.asarray(frames)).to(torch.float64)
-    require_finite(name, tensor)
-    if tensor.ndim != 3 or len(tensor) != model.bands:
-        raise ValueError(
-            f"{name} are {tuple(tensor.shape)}; give (bands, rows, columns) with {model.bands} "
-            "bands"
-        )
+    axes = f"(bands, rows, columns) with {model.bands} bands"
+    tensor = as_finite_array(name, frames, axes)
+    if len(tensor) != model.bands:
+        raise ValueError(f"{name} are {tuple(tensor.shape)}; give {axes}")
     return tensor
 
 

@@ -30,6 +30,11 @@ class ModelUncertainty:
         Of each coordinate of each band's PSF centre, in pixels.
     response : float, default 0.06
         Of each channel's response to each band, relative.
+
+    Raises
+    ------
+    ValueError
+        For a number that isn't positive and finite.
     """
 
     zeroth_order: float = 0.05

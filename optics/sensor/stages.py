@@ -133,6 +133,11 @@ class Stages:
     clipping, read_noise, quantisation : bool, default True
         Saturation of the full well and of the converter; normal noise of the readout; rounding to
         whole digital numbers.
+
+    Raises
+    ------
+    ValueError
+        If `shot` is another word.
     """
 
     dark_current: bool = True
