@@ -46,10 +46,9 @@ _CHUNK_NODES = 1 << 15
 def transfer_function(psf: torch.Tensor, plane: Plane) -> torch.Tensor:
     """Compute the OTF of PSFs (..., rows, columns), complex, 1 at zero frequency.
 
-    psf: light on the samples of `plane`, with the origin, to which phases refer, at n // 2.
-    The result has the rfft2 layout of optics.formation.rfft2_frequencies(plane). Light that falls
-    outside the picture is missing from it. Raises ValueError for a PSF of another shape, or
-    without light.
+    The PSF is on the samples of `plane`, and phases refer to its origin at n // 2. The result has
+    the rfft2 layout of optics.formation.rfft2_frequencies(plane). Light that falls outside the
+    picture is missing from it. Raises ValueError for a PSF of another shape, or without light.
     """
     if psf.shape[-2:] != plane.shape:
         raise ValueError(f"psf is {tuple(psf.shape)}; its plane has {plane.shape} samples")
@@ -306,13 +305,12 @@ class _AberratedOverlap(_Integral):
 
 
 def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return angle, reach and weight of nodes in the overlap of two stops.
+    """Return angle, reach and weight of nodes in the overlap of two stops of radius 1, 2 v apart.
 
-    The stops have radius 1 and are 2 v apart. sin(angle) is the position across the shift; along
-    the shift the overlap reaches cos(angle) - v to either side. As a function of this angle the
-    integrand has no square root, neither at the ends of the overlap nor where the stops coincide,
-    so that the sums converge spectrally. The weights are those of an integral over a stop of area
-    1.
+    sin(angle) is the position across the shift; along the shift the overlap reaches cos(angle) - v
+    to either side. As a function of this angle the integrand has no square root, neither at the
+    ends of the overlap nor where the stops coincide, so that the sums converge spectrally. The
+    weights are those of an integral over a stop of area 1.
     """
     points, weights = _composite_rule(nodes, v.device)
     widest = torch.arccos(v)[:, None]

@@ -27,7 +27,7 @@ def ring_psfs(
     width: float | None = None,
     unmodulated: float = 0.0,
 ) -> torch.Tensor:
-    """Draw PSFs of concentric rings, whose radii grow with the wavelength.
+    """Draw PSFs of concentric rings, whose radii grow with the wavelength (thesis Fig. 4.3).
 
     The rings are evenly spaced and equally bright along their circumference.
 
@@ -51,10 +51,6 @@ def ring_psfs(
     ------
     ValueError
         If a size isn't possible, or the largest ring doesn't fit on the plane.
-
-    References
-    ----------
-    Thesis Fig. 4.3.
     """
     require_count("count", count)
 
@@ -145,7 +141,7 @@ def linear_dispersion_psfs(
     width: float | None = None,
     unmodulated: float = 0.0,
 ) -> torch.Tensor:
-    """Draw PSFs of a prism: one dot, which moves along a line through the axis.
+    """Draw PSFs of a prism: a dot that moves along a line through the axis (thesis Fig. 4.11).
 
     Parameters
     ----------
@@ -165,10 +161,6 @@ def linear_dispersion_psfs(
     ------
     ValueError
         If all wavelengths are equal, or the line doesn't fit on the plane.
-
-    References
-    ----------
-    Thesis Fig. 4.11.
     """
     require_positive("radius", radius, "m")
     _require_wavelengths(wavelengths)

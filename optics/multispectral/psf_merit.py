@@ -22,7 +22,7 @@ _NYQUIST = 0.5  # highest frequency that rows and columns show, cycles per pixel
 
 
 def dispersion_power(psfs: Any) -> float:
-    """Compute the dispersion power of band PSFs as the thesis prints it (Eq. A.1).
+    """Compute the dispersion power of band PSFs as the thesis prints it (Eq. A.1, Table A.1).
 
     It is ``1/N sum_n |I_n|₁ / (|I_{n+1} - I_n|₁ + |I_n - I_{n-1}|₁)``, summed over all bands but
     the first and the last. As printed, it is large where the PSFs of neighbouring bands differ
@@ -43,10 +43,6 @@ def dispersion_power(psfs: Any) -> float:
     ------
     ValueError
         For fewer than three bands, values that aren't finite, or a PSF without light.
-
-    References
-    ----------
-    Thesis Eq. A.1 and Table A.1.
     """
     stack = _as_stack(psfs)
     if len(stack) < 3:
@@ -83,6 +79,8 @@ class FourierCoverage:
 def fourier_coverage(psfs: Any, *, period: int = _PERIOD) -> FourierCoverage:
     """Compute how well band PSFs transfer spatial frequencies.
 
+    The thesis (appendix A.1) asks for a similar and isotropic coverage in all bands.
+
     Parameters
     ----------
     psfs : torch.Tensor or numpy.ndarray, (bands, rows, columns)
@@ -99,10 +97,6 @@ def fourier_coverage(psfs: Any, *, period: int = _PERIOD) -> FourierCoverage:
     ------
     ValueError
         For values that aren't finite, a PSF without light, or a period smaller than the PSFs.
-
-    References
-    ----------
-    Thesis appendix A.1, which asks for a similar and isotropic coverage in all bands.
     """
     stack = _as_stack(psfs)
     require_count("period", period)

@@ -368,9 +368,9 @@ def refine_from_photograph(
 ) -> tuple[SnapshotCalibration, RestoredImage]:
     """Refine a snapshot camera's calibration from one photograph, and restore its bands.
 
-    Cross-validation finds zeroth order and scale, which matter most. From there all parameters
-    follow from the score of the likelihood, corrected by simulated photographs. Both use the part
-    of the photograph with the most contrast.
+    Cross-validation finds zeroth order and scale, which matter most, and then the score of the
+    likelihood all parameters, corrected by simulated photographs. Both use the part of the
+    photograph with the most contrast.
 
     Parameters
     ----------

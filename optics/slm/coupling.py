@@ -40,11 +40,9 @@ def fringing_field_mean(
     differentiable. The nodes are computed again for the gradient, so that the memory stays that of
     a few pictures. Raises ValueError for phase steps that need more than 32 nodes.
 
-    phase: radians, (..., rows, columns).
-    sigma: standard deviation of the blur, in pixels.
-    side: side of the square that modulates, in pixels.
-    nodes: points along a pixel's side of which the mean is taken; by default as many as the largest
-        phase step needs to keep the error to TOL.
+    phase: radians, (..., rows, columns). sigma: standard deviation of the blur, in pixels. side: of
+    the square that modulates, in pixels. nodes: points along a pixel's side of which the mean is
+    taken; by default as many as the largest phase step needs to keep the error to TOL.
     """
     if nodes is None:
         down, along = (

@@ -40,8 +40,7 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
     Raises
     ------
     ValueError
-        If the panel lacks a level, the shape isn't the panel's, or the wavelength is outside the
-        panel's table.
+        If the panel lacks a level, or the shape or the wavelength isn't the panel's.
     """
     require_levels(panel, grey)
     curves = _phase_curves(panel, wavelength)
@@ -83,8 +82,8 @@ def phase_to_grey(
     Raises
     ------
     ValueError
-        If the panel's range is fewer waves, for a phase that isn't finite, and for a wavelength
-        outside the panel's table.
+        If the panel's range is fewer waves, the phase isn't finite, or the wavelength isn't the
+        panel's.
     """
     require_finite("phase", phase)
     require_orders(panel, wavelength, orders)

@@ -99,12 +99,11 @@ class PhaseResponse:
 
     Parameters
     ----------
-    wavelengths : tuple of float
-        Metres, all different.
-    shares : torch.Tensor or numpy.ndarray
-        Shares of the panel's highest phase, (wavelengths, region rows, region columns, levels);
-        kept as a float64 tensor. Regions are equally large and cover the panel. A share may exceed
-        1, where a panel's range is larger than its table says. The first share needn't be 0.
+    wavelengths, shares : tuple of float, torch.Tensor or numpy.ndarray
+        Metres, all different, and shares of the panel's highest phase, (wavelengths, region rows,
+        region columns, levels); kept as a float64 tensor. Regions are equally large and cover the
+        panel. A share may exceed 1, where a panel's range is larger than its table says. The first
+        share needn't be 0.
 
     Raises
     ------
@@ -211,21 +210,18 @@ class Panel:
         Share of the light that leaves the panel unmodulated, and of the incident that leaves it.
     settling, frame_rate : float, optional
         Seconds from a new frame until its phase is settled, and rate in Hz of videos.
-    response : PhaseResponse, optional
-        Shares of the highest phase by grey level; linear by default.
-    response_time : float, optional
-        Seconds, the time constant of the liquid crystal; with 0 the phase settles at once.
+    response, response_time : PhaseResponse, float, optional
+        Shares of the highest phase by grey level, linear by default; time constant of the liquid
+        crystal in seconds: with 0 the phase settles at once.
     coupling : float, optional
         Metres, the standard deviation of the Gaussian by which fringing fields blur the phase; up
         to one pitch.
-    flicker : float, optional
-        Amplitude of the phase's ripple, as a share of the phase.
-    jitter : float, optional
-        Root mean square of the independent random phase errors of the pixels, radians.
-    front_reflection : float, optional
-        Share of the light that the cover glass reflects, a part of `reflectivity`.
-    gap_reflection : float, optional
-        Amplitude reflectance of the frame between the pixels, relative to the pixels'.
+    flicker, jitter : float, optional
+        Amplitude of the phase's ripple, as a share of the phase; root mean square of the
+        independent random phase errors of the pixels, radians.
+    front_reflection, gap_reflection : float, optional
+        Share of the light that the cover glass reflects, a part of `reflectivity`; amplitude
+        reflectance of the frame between the pixels, relative to the pixels'.
     flatness, illumination : PanelMap, optional
         Optical path in metres that the panel adds to the pattern's; irradiance, in any unit.
 
