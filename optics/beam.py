@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 
@@ -28,23 +28,9 @@ from optics.propagation.fresnel_matrix import FresnelMatrices
 from optics.propagation.span import FreeSpaceSpan
 from optics.validation import accepts_numpy, require_finite, require_share
 
-
-@dataclass(frozen=True)
-class BeamSettings:
-    """Tune how finely the beam is computed.
-
-    tol: relative error allowed for each propagation; far below what a picture shows.
-    max_stop_samples: largest number of samples across the stop; chosen.
-    min_stretch: smallest value of the stretch m; chosen so small that a picture doesn't show the
-        difference from the focus, where m is 0.
-    """
-
-    tol: float = 1e-3
-    max_stop_samples: int = 2048
-    min_stretch: float = 1e-9
-
-
-_SETTINGS = BeamSettings()
+_TOL = 1e-3  # relative error of each propagation; far below what a picture shows
+_MOST_STOP_SAMPLES = 2048  # across the stop; chosen
+_LEAST_STRETCH = 1e-9  # of m; chosen: a picture doesn't show the difference from the focus, m = 0
 
 
 @accepts_numpy
@@ -82,18 +68,18 @@ def beam_irradiance(
     if not all(0 < depth < math.inf for depth in depths):
         raise ValueError(f"depths are {list(depths)} m; the light is behind the panel, at > 0 m")
     progress = progress or Progress()
-    rays = _BeamPath(camera, distance, field)
+    rays = _BeamPath(camera, distance, field, wavelength, sample_row)
     entering = _panel_fields(camera, phase)
     behind: torch.Tensor | None = None
     lines = []
     for number, depth in enumerate(depths):
         progress.report(number / len(depths), "the light along the axis")
         if depth <= camera.separation:
-            wave = rays.field_before_lens(entering, depth, sample_row, wavelength)
+            wave = rays.field_before_lens(entering, depth)
         else:
             if behind is None:
-                behind = rays.field_behind_stop(entering, wavelength)
-            wave = rays.field_behind_lens(behind, depth, sample_row, wavelength)
+                behind = rays.field_behind_stop(entering)
+            wave = rays.field_behind_lens(behind, depth)
         light = wave.real**2 + wave.imag**2
         lines.append((1 - share) * light[0, 0] + share * light[-1, 0])
     return torch.stack(lines)
@@ -114,132 +100,108 @@ def _panel_fields(camera: Camera, phase: torch.Tensor | None) -> torch.Tensor:
     return torch.stack([torch.polar(straight.real, turned), straight])
 
 
-class _BeamPath:
-    """Propagate the beam along the paraxial rays of one object point.
+_Cell = tuple[float, float] | None
 
-    The wave is kept without its curvature. Lengths are in metres.
+
+class _BeamPath:
+    """Propagates the beam along the paraxial rays of one object point.
+
+    The wave is kept without its curvature and slope. Lengths are in metres.
     """
 
-    def __init__(self, camera: Camera, distance: float, field: tuple[float, float]) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        distance: float,
+        field: tuple[float, float],
+        wavelength: float,
+        sample_row: Plane,
+    ) -> None:
         self._camera, self._distance = camera, distance
+        self._wavelength, self._sample_row = wavelength, sample_row
         lens = camera.lens
         # Slopes (y, x) of the ray through the lens' centre, and of the ray through the panel's.
         self._chief_ray_slopes = [place / lens.image_distance for place in field]
         stretch = 1 + camera.separation / distance
         self._panel_ray_slopes = [slope * stretch for slope in self._chief_ray_slopes]
         self._vergence = 1 / (distance + camera.separation) - 1 / lens.focal_length
-        count = math.ceil(lens.stop_diameter / (camera.panel.pitch * stretch)) + 2
-        count = min(count, _SETTINGS.max_stop_samples)
-        pitch = lens.stop_diameter / (count - 2)
-        self.stop_plane = Plane((count, count), (pitch, pitch))
-
-    def _row_at_depth(self, across: Plane, depth: float) -> Plane:
-        """Return the row of samples at a depth, at the y of the ray through the lens' centre."""
-        y = self._chief_ray_slopes[0] * (depth - self._camera.separation)
-        return replace(across, centre=(y, across.centre[1]))
-
-    def field_before_lens(
-        self, entering: torch.Tensor, depth: float, across: Plane, wavelength: float
-    ) -> torch.Tensor:
-        """Compute the field between panel and lens, on a row of samples."""
-        panel = self._camera.panel
-        cells = (panel.active_side, panel.active_side)
-        target = self._row_at_depth(across, depth)
-        return _propagate_flat_wave(
-            entering, panel.plane, cells, target, self._step_to_depth(depth), wavelength
-        )
-
-    def _step_to_depth(self, depth: float) -> _PropagationStep:
-        """Return the step from the panel to a plane before the lens."""
-        moved = [slope * depth for slope in self._panel_ray_slopes]
-        return _PropagationStep(depth, 1 + depth / self._distance, (moved[0], moved[1]))
-
-    def field_behind_stop(self, entering: torch.Tensor, wavelength: float) -> torch.Tensor:
-        """Compute the field just behind the lens, on the grid of its stop."""
-        camera, lens = self._camera, self._camera.lens
+        # Where stop and panel coincide, the panel's pixels are the samples. Else the samples aren't
+        # pixels: as squares they would make diffraction orders that no panel makes.
+        self._pixel = (camera.panel.active_side, camera.panel.active_side)
+        self._stop_plane = camera.panel.plane
+        self._stop_cell: _Cell = None if camera.separation else self._pixel
         if camera.separation:
-            way = self._step_to_depth(camera.separation)
-            wave = _propagate_flat_wave(
-                entering, camera.panel.plane, None, self.stop_plane, way, wavelength
-            )
-        else:
-            self.stop_plane = camera.panel.plane
-            wave = entering
+            count = math.ceil(lens.stop_diameter / (camera.panel.pitch * stretch)) + 2
+            count = min(count, _MOST_STOP_SAMPLES)
+            pitch = lens.stop_diameter / (count - 2)
+            self._stop_plane = Plane((count, count), (pitch, pitch))
+
+    def field_before_lens(self, entering: torch.Tensor, depth: float) -> torch.Tensor:
+        """Compute the field between panel and lens, on the row of samples at a depth."""
+        return self._field_in_front(entering, self._pixel, self._row_at(depth), depth)
+
+    def _row_at(self, depth: float) -> Plane:
+        """Return the row of samples, at the y of the ray through the lens' centre."""
+        y = self._chief_ray_slopes[0] * (depth - self._camera.separation)
+        return replace(self._sample_row, centre=(y, self._sample_row.centre[1]))
+
+    def _field_in_front(
+        self, wave: torch.Tensor, cell: _Cell, target: Plane, depth: float
+    ) -> torch.Tensor:
+        stretch, source = 1 + depth / self._distance, self._camera.panel.plane
+        slopes = self._panel_ray_slopes
+        return self._propagate(wave, source, cell, target, depth, stretch, slopes)
+
+    def field_behind_stop(self, wave: torch.Tensor) -> torch.Tensor:
+        """Compute the field just behind the lens, on the grid of its stop."""
+        camera, lens, plane = self._camera, self._camera.lens, self._stop_plane
+        if camera.separation:
+            wave = self._field_in_front(wave, None, plane, camera.separation)
         radius = lens.stop_diameter / 2
-        opened = coverage(lens.stop, radius, self.stop_plane)
+        opened = coverage(lens.stop, radius, plane)
         # The vergence already holds the focus, so that only the aberrations are added here.
         flat = replace(lens, focus_distance=math.inf)
-        y, x = (c / radius for c in self.stop_plane.mesh())
-        phase = pupil_phase(flat, math.inf, wavelength, y, x)
-        return wave * torch.polar(
-            opened, phase.expand(self.stop_plane.shape).remainder(2 * math.pi)
-        )
+        y, x = (c / radius for c in plane.mesh())
+        phase = pupil_phase(flat, math.inf, self._wavelength, y, x)
+        return wave * torch.polar(opened, phase.expand(plane.shape).remainder(2 * math.pi))
 
-    def field_behind_lens(
-        self, wave: torch.Tensor, depth: float, across: Plane, wavelength: float
-    ) -> torch.Tensor:
+    def field_behind_lens(self, wave: torch.Tensor, depth: float) -> torch.Tensor:
         """Compute the field behind the lens, on the row of samples at a depth."""
-        way = depth - self._camera.separation
+        way, slopes = depth - self._camera.separation, self._chief_ray_slopes
         stretch = 1 + self._vergence * way
-        if abs(stretch) < _SETTINGS.min_stretch:
-            stretch = _SETTINGS.min_stretch
-        moved = [slope * way for slope in self._chief_ray_slopes]
-        side = self._camera.panel.active_side
-        # The stop's samples aren't pixels. As squares they would make diffraction orders that
-        # no panel makes.
-        cells = None if self._camera.separation else (side, side)
-        place = _PropagationStep(way, stretch, (moved[0], moved[1]))
-        return _propagate_flat_wave(
-            wave, self.stop_plane, cells, self._row_at_depth(across, depth), place, wavelength
+        if abs(stretch) < _LEAST_STRETCH:
+            stretch = _LEAST_STRETCH
+        target = self._row_at(depth)
+        return self._propagate(
+            wave, self._stop_plane, self._stop_cell, target, way, stretch, slopes
         )
 
+    def _propagate(
+        self,
+        wave: torch.Tensor,
+        source: Plane,
+        cell: _Cell,
+        target: Plane,
+        way: float,
+        stretch: float,
+        slopes: list[float],
+    ) -> torch.Tensor:
+        """Propagate a wave over a distance, to samples whose rays spread and move on that way.
 
-@dataclass(frozen=True)
-class _PropagationStep:
-    """One step through free space.
-
-    distance: metres along the axis.
-    stretch: factor by which the rays spread over that distance.
-    displacement: metres along (y, x) by which the rays' slope moves them.
-    """
-
-    distance: float
-    stretch: float
-    displacement: tuple[float, float]
-
-
-def _propagate_flat_wave(
-    wave: torch.Tensor,
-    source: Plane,
-    cells: tuple[float, float] | None,
-    target: Plane,
-    step: _PropagationStep,
-    wavelength: float,
-) -> torch.Tensor:
-    """Propagate a wave without its curvature and slope by one step, to the target's samples.
-
-    cells: the sides (y, x) of the squares that the samples stand for, in metres. With None the wave
-    has only the frequencies that its samples resolve.
-    """
-    plane = _scaled_target_plane(target, step)
-    distance = step.distance / step.stretch
-    span = FreeSpaceSpan(
-        source, plane, distance, wavelength, cells=cells, paraxial=True, tol=_SETTINGS.tol
-    )
-    answer = FresnelMatrices(span).forward(wave) / abs(step.stretch)
-    # Beyond the focus the rays have crossed, so that the picture is inverted.
-    return answer if step.stretch > 0 else answer.flip(-2, -1)
-
-
-def _scaled_target_plane(target: Plane, step: _PropagationStep) -> Plane:
-    """Return the target plane in the coordinates of the wave without curvature.
-
-    The coordinates rise from sample to sample.
-    """
-    pitch = [p / abs(step.stretch) for p in target.pitch]
-    centre = [(c - m) / step.stretch for c, m in zip(target.centre, step.displacement, strict=True)]
-    if step.stretch < 0:
-        # When an even number of samples is reversed, its origin moves by one sample.
-        even = [1 - n % 2 for n in target.shape]
-        centre = [c + e * p for c, e, p in zip(centre, even, pitch, strict=True)]
-    return Plane(target.shape, (pitch[0], pitch[1]), (centre[0], centre[1]))
+        cell: the sides (y, x) of the squares that the source's samples stand for. With None the
+        wave has only the frequencies that its samples resolve.
+        """
+        # In the coordinates of the wave without curvature, which rise from sample to sample:
+        pitch = [p / abs(stretch) for p in target.pitch]
+        centre = [(c - s * way) / stretch for c, s in zip(target.centre, slopes, strict=True)]
+        if stretch < 0:
+            # When an even number of samples is reversed, its origin moves by one sample.
+            even = [1 - n % 2 for n in target.shape]
+            centre = [c + e * p for c, e, p in zip(centre, even, pitch, strict=True)]
+        plane = Plane(target.shape, (pitch[0], pitch[1]), (centre[0], centre[1]))
+        span = FreeSpaceSpan(
+            source, plane, way / stretch, self._wavelength, cells=cell, paraxial=True, tol=_TOL
+        )
+        answer = FresnelMatrices(span).forward(wave) / abs(stretch)
+        # Beyond the focus the rays have crossed, so that the picture is inverted.
+        return answer if stretch > 0 else answer.flip(-2, -1)

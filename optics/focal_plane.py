@@ -61,26 +61,21 @@ def focal_field(
     require_finite("field", field)
     scale = wavelength * focal_length
     for axis in (0, 1):
-        _require_no_aliasing(pupil_plane, image_plane, scale, axis)
+        # The sampled transform repeats beyond this.
+        half = scale / pupil_plane.pitch[axis] / 2
+        reach = float(image_plane.coordinates(axis).abs().max())
+        if reach > half * (1 + 1e-9):
+            raise ValueError(
+                f"image_plane reaches {reach:.4g} m in {'yx'[axis]}, and the field's samples "
+                f"resolve light to {half:.4g} m; make the image plane smaller or pupil_plane's "
+                f"pitch {rounded_down(scale / reach / 2)} m or finer"
+            )
     dtype = torch.promote_types(field.dtype, torch.complex64)
     transform = plan_transform(FourierGeometry(pupil_plane, image_plane, scale), dtype)
     y, x = image_plane.mesh()
-    curvature = (math.pi / scale * (1 - distance_before_lens / focal_length)) * (
-        y**2 + x**2
-    ) - math.pi / 2
+    bend = math.pi / scale * (1 - distance_before_lens / focal_length)
+    curvature = bend * (y**2 + x**2) - math.pi / 2
     strength = torch.full_like(curvature, pupil_plane.pitch[0] * pupil_plane.pitch[1] / scale)
     # In single precision a phase of many turns would lose digits, so it is reduced to one turn.
     factor = torch.polar(strength, curvature.remainder(2 * math.pi))
     return transform(field) * factor.to(device=field.device, dtype=dtype)
-
-
-def _require_no_aliasing(pupil: Plane, image: Plane, scale: float, axis: int) -> None:
-    """Raise ValueError for a plane wider than the period of the sampled transform."""
-    half = scale / pupil.pitch[axis] / 2
-    reach = float(image.coordinates(axis).abs().max())
-    if reach > half * (1 + 1e-9):
-        raise ValueError(
-            f"image_plane reaches {reach:.4g} m in {'yx'[axis]}, and the field's samples resolve "
-            f"light to {half:.4g} m; make the image plane smaller or pupil_plane's pitch "
-            f"{rounded_down(scale / reach / 2)} m or finer"
-        )

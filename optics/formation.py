@@ -15,7 +15,7 @@ import torch
 from optics.fourier import fft, irfft2, rfft2
 from optics.plane import Plane, centred_crop, centred_pad, origin_to_centre, origin_to_corner
 from optics.sensor import pixel_transfer, sample_pixels
-from optics.validation import accepts_numpy, require_finite
+from optics.validation import accepts_numpy, require_amount, require_finite
 
 
 def rfft2_frequencies(plane: Plane) -> tuple[torch.Tensor, torch.Tensor]:
@@ -31,12 +31,8 @@ def spectrum_of_samples(light: torch.Tensor) -> torch.Tensor:
 
 
 def spectrum_of_disc(plane: Plane, diameter: float, total: float = 1.0) -> torch.Tensor:
-    """Compute the rfft2 spectrum of a uniform disc at the origin, of `total` light.
-
-    diameter: metres.
-    """
-    if not 0 <= diameter < math.inf:
-        raise ValueError(f"diameter is {diameter:g} m; it can't be negative")
+    """Compute the rfft2 spectrum of a uniform disc, a diameter in metres, at the origin."""
+    require_amount("diameter", diameter, "m")
     fy, fx = rfft2_frequencies(plane)
     argument = math.pi * diameter * torch.hypot(fy, fx)
     safe = torch.where(argument > 0, argument, torch.ones_like(argument))
@@ -55,10 +51,10 @@ def form_image(
 ) -> torch.Tensor:
     """Compute the light on each sensor pixel in incoherent imaging, (rows, columns) of `shape`.
 
-    spectrum: of the object's geometric image on `plane`, which has `samples_per_pixel` samples per
-    pixel. psf: (rows, columns) with the same pitch as the plane, origin at n // 2, no larger than
-    the plane. The picture wraps around the plane's edges, so the plane needs a margin of half a PSF
-    around `shape`. Raises ValueError for a spectrum or PSF that doesn't fit.
+    spectrum: of the object's geometric image on `plane`. psf: (rows, columns) of the plane's pitch,
+    origin at n // 2, no larger than the plane. The picture wraps around the plane's edges, so the
+    plane needs a margin of half a PSF around `shape`. Raises ValueError for a spectrum or PSF that
+    doesn't fit.
     """
     expected = (plane.shape[0], plane.shape[1] // 2 + 1)
     if spectrum.shape[-2:] != expected:
@@ -98,7 +94,16 @@ def form_coherent_image(
 
     Raises ValueError for shapes that don't fit, and for numbers that aren't finite.
     """
-    _require_broadcastable_fields(field, amplitude_psf)
+    for name, wave in (("field", field), ("amplitude_psf", amplitude_psf)):
+        if wave.ndim < 2 or wave.numel() == 0:
+            raise ValueError(f"{name} is {tuple(wave.shape)}; give (..., rows, columns)")
+        require_finite(name, wave)
+    sizes = zip(field.shape[-3::-1], amplitude_psf.shape[-3::-1], strict=False)
+    if not all(a == b or 1 in (a, b) for a, b in sizes):
+        raise ValueError(
+            f"field is {tuple(field.shape)} and amplitude_psf is {tuple(amplitude_psf.shape)}; "
+            "their leading axes must be alike, or 1"
+        )
     dtype = torch.promote_types(
         torch.promote_types(field.dtype, amplitude_psf.dtype), torch.complex64
     )
@@ -114,17 +119,3 @@ def form_coherent_image(
     image = fft(image, rows, -2, inverse=True)[..., y : y + field.shape[-2], :]
     image = fft(image, columns, -1, inverse=True)[..., x : x + field.shape[-1]]
     return centred_crop(image.real**2 + image.imag**2, shape or field.shape[-2:])
-
-
-def _require_broadcastable_fields(field: torch.Tensor, amplitude_psf: torch.Tensor) -> None:
-    """Raise ValueError unless both fields are finite and their leading axes are alike, or 1."""
-    for name, wave in (("field", field), ("amplitude_psf", amplitude_psf)):
-        if wave.ndim < 2 or wave.numel() == 0:
-            raise ValueError(f"{name} is {tuple(wave.shape)}; give (..., rows, columns)")
-        require_finite(name, wave)
-    sizes = zip(field.shape[-3::-1], amplitude_psf.shape[-3::-1], strict=False)
-    if not all(a == b or 1 in (a, b) for a, b in sizes):
-        raise ValueError(
-            f"field is {tuple(field.shape)} and amplitude_psf is {tuple(amplitude_psf.shape)}; "
-            "their leading axes must be alike, or 1"
-        )

@@ -13,7 +13,6 @@ import functools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import torch
 from torch.utils.checkpoint import checkpoint
@@ -26,43 +25,30 @@ from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
 from optics.validation import accepts_numpy, as_floating_point, require_finite, rounded_up
 
-PupilPhase = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
-"""A function that returns the phase in radians at pupil positions (y, x) in metres, elementwise."""
-
-SlitPhase = Callable[[torch.Tensor], torch.Tensor]
-"""A function that returns the phase in radians at slit positions from -1 to 1, elementwise."""
+PupilPhase = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]  # radians at (y, x) in metres
+SlitPhase = Callable[[torch.Tensor], torch.Tensor]  # radians at positions from -1 to 1
 
 
-@dataclass(frozen=True)
-class OverlapSettings:
-    """Tune the quadrature of pupil overlap integrals.
+_PROBES = 32  # values on which a node count is tested; chosen
 
-    probes: number of values on which a node count is tested. Chosen.
-    coarse_nodes: nodes of the first evaluation of a phase, which tells how steep the phase is.
-        Chosen.
-    subinterval_nodes: most nodes of one Gauss-Legendre rule. Rules of thousands of nodes take
-        longer to compute than to use, so that longer ones are composed of these.
-    chunk_nodes: nodes, of all values together, that are in memory at a time. They fit a processor's
-        cache, and torch uses one thread for them (see optics.threads).
-    """
+_COARSE_NODES = 24  # of the first evaluation of a phase, which tells how steep it is; chosen
 
-    probes: int = 32
-    coarse_nodes: int = 24
-    subinterval_nodes: int = 128
-    chunk_nodes: int = 1 << 15
+# Most nodes of one Gauss-Legendre rule. Rules of thousands of nodes take longer to compute than to
+# use, so that longer ones are composed of these.
+_RULE_NODES = 128
 
-
-_SETTINGS = OverlapSettings()
+# Nodes, of all values together, that are in memory at a time. They fit a processor's cache, and
+# torch uses one thread for them (see optics.threads).
+_CHUNK_NODES = 1 << 15
 
 
 @accepts_numpy
 def transfer_function(psf: torch.Tensor, plane: Plane) -> torch.Tensor:
     """Compute the OTF of PSFs (..., rows, columns), complex, 1 at zero frequency.
 
-    psf: light on the samples of `plane`, with the origin, to which phases refer, at n // 2.
-    The result has the rfft2 layout of optics.formation.rfft2_frequencies(plane). Light that falls
-    outside the picture is missing from it. Raises ValueError for a PSF of another shape, or
-    without light.
+    The PSF is on the samples of `plane`, and phases refer to its origin at n // 2. The result has
+    the rfft2 layout of optics.formation.rfft2_frequencies(plane). Light that falls outside the
+    picture is missing from it. Raises ValueError for a PSF of another shape, or without light.
     """
     if psf.shape[-2:] != plane.shape:
         raise ValueError(f"psf is {tuple(psf.shape)}; its plane has {plane.shape} samples")
@@ -100,12 +86,12 @@ def lens_transfer_function(
 ) -> torch.Tensor:
     """Compute the OTF of a lens with a clear round stop, complex128, at frequencies (fy, fx).
 
-    distance: metres to the object, math.inf allowed. wavelength: metres. fy, fx: cycles per
-    metre on the sensor; they broadcast, as those of optics.formation.rfft2_frequencies() do.
-    phase: aberrations over the pupil; the OTF is differentiable in the tensors that they are
-    computed from. tol: the largest absolute error of a value, measured on some of the values by
-    doubling the nodes. The gradient uses the nodes that the value needs. They are too few for the
-    gradient in a fine phase that is still zero; begin such an optimisation with small numbers.
+    distance: metres to the object, math.inf allowed. fy, fx: cycles per metre on the sensor; they
+    broadcast, as those of optics.formation.rfft2_frequencies() do. phase: aberrations over the
+    pupil; the OTF is differentiable in the tensors that they are computed from. tol: the largest
+    absolute error of a value, measured on some of the values by doubling the nodes. The gradient
+    uses these nodes. They are too few for the gradient in a fine phase that is still zero; begin
+    such an optimisation with small numbers.
 
     The overlap of two stops (section 6.3 of Goodman) is integrated by Gauss-Legendre nodes. The
     OTF is zero from the cut-off frequency on. The model is paraxial and scalar. Raises
@@ -182,21 +168,21 @@ class _Integral(ABC):
     `max_nodes` nodes are used along each of the `dimensions`.
     """
 
-    dimensions: int
-    max_nodes: int
+    dimensions = 1
+    max_nodes = 1 << 14
 
     @abstractmethod
     def __call__(
         self, nodes: int, *parameters: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """Return the amplitude, with the rule's weights, and the turn, (values, nodes, ...).
+        """Return the amplitude, with the rule's weights, and the turn in radians or None.
 
-        The turn is in radians; None stands for an integrand without one.
+        Both are (values, nodes, ...).
         """
 
     def half_phase_range(self, *parameters: torch.Tensor) -> torch.Tensor:
         """Estimate half the range of the integrand's phase for each value, in radians."""
-        _, turn = self(_SETTINGS.coarse_nodes, *parameters)
+        _, turn = self(_COARSE_NODES, *parameters)
         assert turn is not None
         turn = turn.flatten(1)
         return (turn.amax(1) - turn.amin(1)) / 2
@@ -215,9 +201,9 @@ class _Integral(ABC):
         The search begins with half a node per radian and a few more. The probes range from the
         smoothest integrand to the steepest.
         """
-        steepness = self._map_in_chunks(self.half_phase_range, _SETTINGS.coarse_nodes, parameters)
+        steepness = self._map_in_chunks(self.half_phase_range, _COARSE_NODES, parameters)
         count = steepness.numel()
-        rank = torch.linspace(0, count - 1, min(_SETTINGS.probes, count), dtype=torch.float64)
+        rank = torch.linspace(0, count - 1, min(_PROBES, count), dtype=torch.float64)
         chosen = torch.argsort(steepness)[rank.round().long().to(steepness.device)]
         probes = tuple(p[chosen] for p in parameters)
         turn = float(steepness.max())
@@ -252,9 +238,8 @@ class _Integral(ABC):
         if turn is None or not turn.requires_grad:
             return self._map_in_chunks(values, nodes, parameters)
         # The gradient computes the sums again, so that the nodes needn't stay in memory.
-        return self._map_in_chunks(
-            functools.partial(checkpoint, values, use_reentrant=False), nodes, parameters
-        )
+        again = functools.partial(checkpoint, values, use_reentrant=False)
+        return self._map_in_chunks(again, nodes, parameters)
 
     def _map_in_chunks(
         self,
@@ -263,7 +248,7 @@ class _Integral(ABC):
         parameters: tuple[torch.Tensor, ...],
     ) -> torch.Tensor:
         """Apply a function to the parameters in chunks, to bound the memory."""
-        size = max(1, _SETTINGS.chunk_nodes // nodes**self.dimensions)
+        size = max(1, _CHUNK_NODES // nodes**self.dimensions)
         portions = zip(*(torch.split(p, size) for p in parameters), strict=True)
         return torch.cat([function(*portion) for portion in portions])
 
@@ -274,9 +259,6 @@ class _DefocusedOverlap(_Integral):
     defocus: radians at the edge of the stop. The integral along the shift is a sinc (Hopkins,
     Proc. R. Soc. A 231, 91, 1955).
     """
-
-    dimensions = 1
-    max_nodes = 1 << 14
 
     def __init__(self, defocus: float) -> None:
         self._defocus = defocus
@@ -318,20 +300,17 @@ class _AberratedOverlap(_Integral):
             y, x = along * ey - across * ex, along * ex + across * ey
             return _evaluate_phase(self._phase(self._radius * y, self._radius * x), y)
 
-        turn = (
-            phase(along - v) - phase(along + v) + _defocus_phase_difference(self._defocus, v, along)
-        )
-        return weight * reach * weights, turn
+        defocus = _defocus_phase_difference(self._defocus, v, along)
+        return weight * reach * weights, phase(along - v) - phase(along + v) + defocus
 
 
 def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return angle, reach and weight of nodes in the overlap of two stops.
+    """Return angle, reach and weight of nodes in the overlap of two stops of radius 1, 2 v apart.
 
-    The stops have radius 1 and are 2 v apart. sin(angle) is the position across the shift; along
-    the shift the overlap reaches cos(angle) - v to either side. As a function of this angle the
-    integrand has no square root, neither at the ends of the overlap nor where the stops coincide,
-    so that the sums converge spectrally. The weights are those of an integral over a stop of area
-    1.
+    sin(angle) is the position across the shift; along the shift the overlap reaches cos(angle) - v
+    to either side. As a function of this angle the integrand has no square root, neither at the
+    ends of the overlap nor where the stops coincide, so that the sums converge spectrally. The
+    weights are those of an integral over a stop of area 1.
     """
     points, weights = _composite_rule(nodes, v.device)
     widest = torch.arccos(v)[:, None]
@@ -351,9 +330,6 @@ class _SlitAmbiguity(_Integral):
     |u| is below 2.
     """
 
-    dimensions = 1
-    max_nodes = 1 << 14
-
     def __init__(self, phase: SlitPhase | None) -> None:
         self._phase = phase
 
@@ -364,35 +340,22 @@ class _SlitAmbiguity(_Integral):
         x = reach * points
         turn = 2 * math.pi * v * x
         if self._phase is not None:
-            ahead, behind = x + u / 2, x - u / 2
-            turn = (
-                turn
-                + _evaluate_phase(self._phase(ahead), x)
-                - _evaluate_phase(self._phase(behind), x)
-            )
+            turn = turn + _evaluate_phase(self._phase(x + u / 2), x)
+            turn = turn - _evaluate_phase(self._phase(x - u / 2), x)
         return reach * weights / 2, turn
-
-
-@functools.cache
-def _subinterval_rule(nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
-    points, weights = gauss_legendre(nodes)
-    return torch.tensor(points), torch.tensor(weights)
 
 
 def _composite_rule(nodes: int, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
     """Return Gauss-Legendre nodes, at least `nodes` in equal parts of -1 to 1, and weights."""
-    parts = math.ceil(nodes / _SETTINGS.subinterval_nodes)
-    points, weights = _subinterval_rule(math.ceil(nodes / parts))
+    parts = math.ceil(nodes / _RULE_NODES)
+    points, weights = (torch.tensor(one) for one in gauss_legendre(math.ceil(nodes / parts)))
     middle = (2 * torch.arange(parts, dtype=torch.float64) + 1) / parts - 1
     points = (middle[:, None] + points / parts).ravel()
     return points.to(device), (weights / parts).repeat(parts).to(device)
 
 
 def _evaluate_phase(phase: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
-    """Return a caller's phase as float64, or raise ValueError if it isn't valid.
-
-    phase: what the caller's phase function returned for the positions `at`.
-    """
+    """Return what a caller's phase function answered for the positions `at`, as float64."""
     phase = torch.as_tensor(phase, device=at.device)
     if phase.is_complex():
         raise ValueError(f"phase answers {phase.dtype}; it must answer radians, real numbers")

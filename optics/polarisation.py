@@ -12,19 +12,23 @@ from that axis. Mirrors don't change the sign of an angle: the path is treated a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import torch
 
-from optics.validation import as_number, needs_gradient, require_positive, require_share
+from optics.validation import (
+    as_number,
+    needs_gradient,
+    require_choice,
+    require_positive,
+    require_share,
+)
 
-Scalar = Any
-"""A number, or a 0-d tensor in which the result is differentiable."""
+Scalar = Any  # a number, or a 0-d tensor in which the result is differentiable
 
+# Share of the light below which the elements are crossed and only rounding errors are left.
 _MIN_TRANSMISSION = (64 * torch.finfo(torch.float64).eps) ** 2
-"""Share of the light below which the elements are crossed and only rounding errors are left."""
 
 
 def _as_float64(value: Scalar) -> torch.Tensor:
@@ -46,8 +50,7 @@ def linear_jones_vector(angle: Scalar) -> torch.Tensor:
 def diattenuator_matrix(angle: Scalar, along: torch.Tensor, across: torch.Tensor) -> torch.Tensor:
     """Return the Jones matrix of a part that attenuates two polarisations differently, (2, 2).
 
-    It is complex128. along, across: amplitude factors of light polarised along the part's axis,
-    which is at `angle`, and across it. There is no delay between the two.
+    The amplitude factors are those along the part's axis, at `angle`, and across it, without delay.
     """
     forth, aside = linear_jones_vector(angle), linear_jones_vector(_as_float64(angle) + math.pi / 2)
     return along * torch.outer(forth, forth) + across * torch.outer(aside, aside)
@@ -72,12 +75,9 @@ class SourcePolarisation:
     @property
     def incoherent_components(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """The two incoherent waves: shares of the power and Jones vectors."""
-        degree = _as_float64(self.degree)
-        across = _as_float64(self.angle) + math.pi / 2
-        return [
-            ((1 + degree) / 2, linear_jones_vector(self.angle)),
-            ((1 - degree) / 2, linear_jones_vector(across)),
-        ]
+        degree, angle = _as_float64(self.degree), _as_float64(self.angle)
+        across = linear_jones_vector(angle + math.pi / 2)
+        return [((1 + degree) / 2, linear_jones_vector(angle)), ((1 - degree) / 2, across)]
 
 
 @dataclass(frozen=True)
@@ -108,9 +108,8 @@ class Polariser:
     @property
     def jones_matrix(self) -> torch.Tensor:
         along = torch.sqrt(_as_float64(self.transmission))
-        return diattenuator_matrix(
-            self.angle, along, along * torch.rsqrt(_as_float64(self.extinction))
-        )
+        across = along * torch.rsqrt(_as_float64(self.extinction))
+        return diattenuator_matrix(self.angle, along, across)
 
 
 @dataclass(frozen=True)
@@ -152,10 +151,8 @@ class BeamSplitter:
 
     def jones_matrix(self, port: Literal["transmitted", "reflected"]) -> torch.Tensor:
         """Return the Jones matrix for transmitted or for reflected light."""
-        p, s = self.transmitted if port == "transmitted" else self.reflected
-        return diattenuator_matrix(
-            self.angle, torch.sqrt(_as_float64(p)), torch.sqrt(_as_float64(s))
-        )
+        shares = self.transmitted if port == "transmitted" else self.reflected
+        return diattenuator_matrix(self.angle, *(torch.sqrt(_as_float64(one)) for one in shares))
 
 
 class PathEffect(NamedTuple):
@@ -183,40 +180,32 @@ class PathEffect(NamedTuple):
 class PolarisedPath:
     """Describe the polarising elements that light passes on its way to the panel and to the lens.
 
-    light: polarisation of the object's light. polariser: light passes it once, before the
-    splitter. splitter: light passes it twice, to the panel and back (thesis Fig. 5.6). first:
-    whether light is transmitted or reflected by the splitter on its way to the panel; on the way
-    back it is the other. analyser: a second polariser, behind the splitter. Light passes a single
-    polariser between splitter and panel twice; give it as both. None stands for no element.
+    Light passes a single polariser between splitter and panel twice; give it as both. None stands
+    for no element.
     """
 
     light: SourcePolarisation = SourcePolarisation()
-    polariser: Polariser | None = None
-    splitter: BeamSplitter | None = None
-    analyser: Polariser | None = None
-    first: Literal["transmitted", "reflected"] = "transmitted"
+    polariser: Polariser | None = None  # before the splitter
+    splitter: BeamSplitter | None = None  # passed twice, to the panel and back (thesis Fig. 5.6)
+    analyser: Polariser | None = None  # behind the splitter
+    first: Literal["transmitted", "reflected"] = "transmitted"  # to the panel; back, the other
 
     def __post_init__(self) -> None:
-        if self.first not in ("transmitted", "reflected"):
-            raise ValueError(f"first is {self.first!r}; choose transmitted or reflected")
+        require_choice("first", self.first, ("transmitted", "reflected"))
 
     @property
     def jones_to_panel(self) -> torch.Tensor:
         """The Jones matrix from the object to the panel: polariser and beam splitter."""
-        way = [] if self.splitter is None else [self.splitter.jones_matrix(self.first)]
-        return _jones_product(
-            [*([] if self.polariser is None else [self.polariser.jones_matrix]), *way]
-        )
+        return self._splitter_matrix(self.first) @ _polariser_matrix(self.polariser)
 
     @property
     def jones_from_panel(self) -> torch.Tensor:
         """The Jones matrix from the panel to the lens: beam splitter and analyser."""
-        back: Literal["transmitted", "reflected"]
-        back = "reflected" if self.first == "transmitted" else "transmitted"
-        way = [] if self.splitter is None else [self.splitter.jones_matrix(back)]
-        return _jones_product(
-            [*way, *([] if self.analyser is None else [self.analyser.jones_matrix])]
-        )
+        back = self._splitter_matrix("reflected" if self.first == "transmitted" else "transmitted")
+        return _polariser_matrix(self.analyser) @ back
+
+    def _splitter_matrix(self, port: Literal["transmitted", "reflected"]) -> torch.Tensor:
+        return _NOTHING if self.splitter is None else self.splitter.jones_matrix(port)
 
     def effect(self) -> PathEffect:
         """Compute what the elements and the panel do to the light, by Jones calculus.
@@ -245,9 +234,8 @@ class PolarisedPath:
         return PathEffect(passed, unmodulated / passed, mixed)
 
 
-def _jones_product(matrices: Sequence[torch.Tensor]) -> torch.Tensor:
-    """Multiply Jones matrices in the order in which light meets them."""
-    whole = torch.eye(2, dtype=torch.complex128)
-    for matrix in matrices:
-        whole = matrix @ whole
-    return whole
+_NOTHING = torch.eye(2, dtype=torch.complex128)  # the matrix of no element
+
+
+def _polariser_matrix(polariser: Polariser | None) -> torch.Tensor:
+    return _NOTHING if polariser is None else polariser.jones_matrix

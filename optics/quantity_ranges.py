@@ -13,25 +13,16 @@ _UNITS = {"nm": 1e-9, "µm": 1e-6, "mm": 1e-3}
 
 @dataclass(frozen=True)
 class QuantityRange:
-    """The sizes that a quantity can have. Ranges are chosen.
-
-    least, most: the range of its size, in `unit`.
-    unit: "m", or "" for a ratio.
-    usual: the sizes that are usual, by which a number in another unit is recognised.
-    units: other units in which people give it.
-    example: what to give, for the message.
-    zero: whether it may be zero.
-    beyond: words for sizes below and above the range; the limits, if empty.
-    """
+    """The sizes that a quantity can have. Ranges are chosen."""
 
     least: float
     most: float
-    unit: str = "m"
-    usual: tuple[float, float] = (0.0, 0.0)
-    units: tuple[str, ...] = ()
-    example: str = ""
-    zero: bool = False
-    beyond: tuple[str, str] = ("", "")
+    unit: str = "m"  # or "" for a ratio
+    usual: tuple[float, float] = (0.0, 0.0)  # by which a number in another unit is recognised
+    units: tuple[str, ...] = ()  # others in which people give it
+    example: str = ""  # what to give, for the message
+    zero: bool = False  # whether it may be zero
+    beyond: tuple[str, str] = ("", "")  # words for sizes below and above; the limits, if empty
 
 
 RANGES = {
@@ -101,10 +92,7 @@ def ask_about_unit(quantity: str, value: float) -> str:
 
 
 def refuse_size(quantity: str, name: str, value: float) -> str:
-    """Return the sentence that refuses a number beyond its quantity's range, or "" if it is within.
-
-    The sentence names the argument, its value and what to give. value: finite.
-    """
+    """Return the sentence that refuses a finite number beyond its quantity's range, or ""."""
     known, size = RANGES[quantity], abs(value)
     if known.least <= size <= known.most or (known.zero and size == 0):
         return ""

@@ -17,12 +17,8 @@ from scipy.special import erf
 
 Array = NDArray[np.float64]
 
-_MOST_AVERAGED = 8
-"""Independent patterns that are averaged at most; more are hardly told from a normal one.
-Chosen."""
-
-_BINS = 4096
-"""Bins of a spectrum, evenly lit. Chosen: more than its curves have points."""
+_MOST_AVERAGED = 8  # independent patterns; more are hardly told from a normal one; chosen
+_BINS = 4096  # of a spectrum, evenly lit; chosen: more than its curves have points
 
 
 @dataclass(frozen=True)
@@ -39,11 +35,6 @@ class RoughSurface:
     patterns : float, optional
         Independent patterns of equal light that every exposure averages, of a lamp's modes, or of a
         diffuser that turns in its light; 1 or more.
-
-    Raises
-    ------
-    ValueError
-        If the roughness isn't a positive length, or there is less than one pattern.
     """
 
     roughness: float
@@ -59,10 +50,7 @@ class RoughSurface:
             raise ValueError(f"patterns is {self.patterns:g}; it is 1 or more, and finite")
 
     def surface_variance(self, unmodulated: float) -> float:
-        """Return 1/M of polarisations and of patterns in an exposure.
-
-        unmodulated: share of the light whose polarisation is the other one.
-        """
+        """Return 1/M of polarisations, of which a share is unmodulated, and of patterns."""
         mixed = unmodulated**2 + (1 - unmodulated) ** 2 if self.depolarises else 1.0
         return mixed / self.patterns
 
@@ -118,21 +106,17 @@ class SpeckleGrain:
 
     The field's correlation is the Fourier transform of the pupil's light (Van Cittert and Zernike),
     as wide as the sharpest PSF: about wavelength times f-number.
-
-    light: the pupil's light on cells, (rows, columns), the axis at n // 2.
-    cell: side of a cell, metres.
-    lever: wavelength times image distance, m².
     """
 
-    light: Array
-    cell: float
-    lever: float
+    light: Array  # the pupil's, on cells, (rows, columns), the axis at n // 2
+    cell: float  # side of a cell, metres
+    lever: float  # wavelength times image distance, m²
 
     def pixel_variance(self, pitch: float, path: tuple[float, float] = (0.0, 0.0)) -> float:
-        """Return 1/M of a square pixel that integrates speckle, which moves along a path.
+        """Return 1/M of a square pixel that integrates speckle, which moves (y, x) metres.
 
-        path: (y, x) metres on the sensor. By frequency it is the mean of the pixel's MTF squared
-        over the autocorrelation of the pupil's light.
+        By frequency it is the mean of the pixel's MTF squared over the autocorrelation of the
+        pupil's light.
         """
         rows, columns = (2 * n for n in self.light.shape)
         spectrum = np.fft.rfft2(self.light, s=(rows, columns))

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -16,22 +16,15 @@ from optics.quantity_ranges import RANGES, refuse_size
 
 
 def _to_tensor(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        _require_plain_array(value)
-        # Arrays from files may be read-only, reversed or of another byte order. torch can't share
-        # the memory of these, so they are copied.
-        plain = (
-            value.flags.writeable and value.dtype.isnative and min(value.strides, default=0) >= 0
-        )
-        native = value.dtype.newbyteorder("=")
-        return torch.from_numpy(value if plain else np.array(value, dtype=native, order="C"))
-    return value
-
-
-def _require_plain_array(value: np.ndarray[Any, Any]) -> None:
-    """Raise TypeError for a numpy array of anything but numbers."""
+    if not isinstance(value, np.ndarray):
+        return value
     if value.dtype.kind not in "biufc":
         raise TypeError(f"an array of {value.dtype} was given; give an array of numbers")
+    if value.flags.writeable and value.dtype.isnative and min(value.strides, default=0) >= 0:
+        return torch.from_numpy(value)
+    # Arrays from files may be read-only, reversed or of another byte order. torch can't share the
+    # memory of these, so they are copied.
+    return torch.from_numpy(np.array(value, dtype=value.dtype.newbyteorder("="), order="C"))
 
 
 def require_unmasked(*given: Any) -> None:
@@ -54,8 +47,8 @@ def require_unmasked(*given: Any) -> None:
 def split_mask(picture: Any, weights: Any) -> tuple[Any, Any]:
     """Take the mask off a photograph, and put it into the weights of its pixels.
 
-    picture: an array of any kind. weights: of the same shape; None for 1 at all pixels. Masked
-    pixels have a weight of 0, as dead ones have, and other pictures come back as they are.
+    Weights of None are 1 at all pixels. Masked pixels have a weight of 0, as dead ones have, and
+    other pictures come back as they are.
     """
     if not isinstance(picture, np.ma.MaskedArray):
         return picture, weights
@@ -75,11 +68,10 @@ def _to_numpy(value: Any) -> Any:
 
 
 def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a function of tensors to accept and return numpy arrays.
+    """Decorate a function of tensors to accept numpy arrays, and to return them then.
 
-    The function returns numpy arrays if one of its arguments is a numpy array. Otherwise it is
-    called unchanged, so that gradients propagate. Results are converted if they are tensors or
-    tuples of tensors.
+    Without any it is called unchanged, so that gradients propagate. Results are converted if they
+    are tensors or tuples of tensors.
     """
 
     @functools.wraps(function)
@@ -88,9 +80,8 @@ def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
         require_unmasked(*given)
         if not any(isinstance(value, np.ndarray) for value in given):
             return function(*args, **kwargs)
-        inner_args = [_to_tensor(value) for value in args]
-        inner_kwargs = {name: _to_tensor(value) for name, value in kwargs.items()}
-        return _to_numpy(function(*inner_args, **inner_kwargs))
+        named = {name: _to_tensor(value) for name, value in kwargs.items()}
+        return _to_numpy(function(*map(_to_tensor, args), **named))
 
     return wrapper
 
@@ -147,15 +138,11 @@ def require_reverse_mode(value: torch.Tensor) -> None:
 
     Optical operations have derivatives of their own, which these would pass by.
     """
-    functorch = torch._C._functorch
+    functorch, unpack = torch._C._functorch, cast(Any, forward_ad.unpack_dual)
+    wrapped = functorch.is_functorch_wrapped_tensor(value)
     # No tensor has a tangent outside of a dual level.
-    unpack: Any = forward_ad.unpack_dual
     is_dual = forward_ad._current_level >= 0 and unpack(value).tangent is not None
-    if (
-        is_dual
-        or functorch.is_functorch_wrapped_tensor(value)
-        or functorch.is_legacy_batchedtensor(value)
-    ):
+    if is_dual or wrapped or functorch.is_legacy_batchedtensor(value):
         raise NotImplementedError(
             "optics computes no derivatives inside torch.func (vmap, grad, jvp, hessian), in "
             "forward mode or with vectorize=True; give a batch (..., rows, columns) in one call, "
@@ -166,10 +153,7 @@ def require_reverse_mode(value: torch.Tensor) -> None:
 def require_unchanged_attributes(
     names: Iterable[str], at_planning: object, now: object, kind: str
 ) -> None:
-    """Raise ValueError if attributes have changed since an operator was planned.
-
-    kind: what kind of operator it is, for the message.
-    """
+    """Raise ValueError if attributes have changed since an operator of some kind was planned."""
     for name in names:
         was, is_ = getattr(at_planning, name), getattr(now, name)
         if was != is_:
@@ -195,12 +179,13 @@ def require_number(name: str, value: Any, unit: str = "") -> None:
 
 def require_tensor(name: str, value: Any) -> None:
     """Raise TypeError for an argument that is neither a tensor nor None."""
-    if value is not None and not isinstance(value, torch.Tensor):
+    if value is None:
+        return
+    if not isinstance(value, torch.Tensor):
         raise TypeError(
             f"{name} is a {type(value).__name__}; give a torch tensor or a numpy array of numbers"
         )
-    if value is not None:
-        require_reverse_mode(value)
+    require_reverse_mode(value)
 
 
 def require_tolerance(tol: Any) -> None:
@@ -220,6 +205,20 @@ def require_positive(name: str, value: Any, unit: str) -> None:
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
 
 
+def require_amount(name: str, value: float, unit: str) -> None:
+    """Raise ValueError for a number that is negative or infinite."""
+    if not 0 <= value < math.inf:
+        unit = unit and f" {unit}"
+        raise ValueError(f"{name} is {value:g}{unit}; it can't be negative or infinite")
+
+
+def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    """Raise ValueError for a word that isn't among the choices, two or more."""
+    if value not in choices:
+        named = f"{', '.join(choices[:-1])} or {choices[-1]}"
+        raise ValueError(f"{name} is {value!r}; choose {named}")
+
+
 def require_wavelength(name: str, value: Any) -> None:
     """Raise ValueError for a value that is no wavelength of light in metres."""
     require_positive(name, value, "m")
@@ -227,10 +226,9 @@ def require_wavelength(name: str, value: Any) -> None:
 
 
 def require_size(quantity: str, name: str, value: Any) -> None:
-    """Raise an error for a value that is no number in the range of its quantity.
+    """Raise an error for a value that is no number in the range of its quantity, one of RANGES.
 
-    quantity: one of `optics.quantity_ranges.RANGES`. The message asks about a number that would be
-    usual in another unit.
+    The message asks about a number that would be usual in another unit.
     """
     require_number(name, value, RANGES[quantity].unit)
     value = as_number(value)
@@ -273,6 +271,19 @@ def rounded_down(value: float) -> str:
     """Format a positive number for "at most": three digits, rounded down."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}"
+
+
+def as_finite_array(name: str, value: Any, axes: str) -> torch.Tensor:
+    """Return a finite array of any kind in double precision, or raise ValueError.
+
+    axes: their names, as "(bands, rows, columns)".
+    """
+    require_unmasked(value)
+    tensor = torch.as_tensor(value, dtype=torch.float64).detach()
+    require_finite(name, tensor)
+    if tensor.ndim != axes.count(",") + 1 or not tensor.numel():
+        raise ValueError(f"{name} is {tuple(tensor.shape)}; give {axes}")
+    return tensor
 
 
 def require_finite(name: str, value: torch.Tensor) -> None:

@@ -12,7 +12,7 @@ from optics.camera.pupil import object_to_lens_distance
 from optics.light.bands import Band
 from optics.polarisation import PathEffect
 from optics.psf import nyquist_samples_per_pixel
-from optics.sensor.shutter import frame_duration
+from optics.sensor.readout import frame_duration
 from simulator.filter_angles import largest_squared_sine
 from simulator.focus import drifted_focus, focus_shifts, leaked_focus_shifts
 from simulator.mount import Mount

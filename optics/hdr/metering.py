@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from optics.camera import Sensor
 from optics.hdr.exposures import AllowedTimes, ExposureLimits, ExposureSNR, from_decibels
 from optics.measuring.spots import frame_variance, without_hot_pixels
-from optics.sensor.pile import top_pile
+from optics.sensor.readout import top_pile
 from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]

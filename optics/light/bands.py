@@ -5,18 +5,26 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
-from optics.validation import require_positive, require_share, require_size, require_wavelength
+from optics.validation import (
+    require_choice,
+    require_positive,
+    require_share,
+    require_size,
+    require_wavelength,
+)
 
+# Exponent of an interference filter's super-Gaussian: from 90 to 10 % within a quarter of its
+# width.
 _STEEPNESS = 6
-"""Exponent of an interference filter's super-Gaussian. Its transmission falls from 90 to 10 %
-within a quarter of its width."""
+
+_Shape = Literal["gaussian", "lyot", "interference", "open", "table"]
 
 
 @dataclass(frozen=True)
@@ -36,29 +44,25 @@ class Band:
 
     Parameters
     ----------
-    centre : float
-        Central wavelength in metres.
-    fwhm : float
-        Full width at half maximum in metres, less than twice the centre; for "lyot" a quarter of
-        the centre at most.
+    centre, fwhm : float
+        Central wavelength and full width at half maximum in metres; the width is less than twice
+        the centre, and for "lyot" a quarter of it at most.
     shape : {"gaussian", "lyot", "interference", "open", "table"}, default "gaussian"
         Shape of the curve.
-    leak : float, default 0.0
-        Transmission that is added everywhere in `leak_range`, from 0 to below 1.
-    leak_range : tuple of float, default (400e-9, 720e-9)
-        Shortest and longest wavelength of the leak, metres.
+    leak, leak_range : float, default 0.0, tuple of float, default (400e-9, 720e-9)
+        Transmission, from 0 to below 1, that is added everywhere from a shortest to a longest
+        wavelength in metres.
     table : Spectrum, optional
         Measured curve, for the shape "table" only.
     effective_index : float, default math.inf
         Refractive index that stands for the layers of a thin-film filter when light passes aslant,
-        1 or more; see `at_angle`. Mostly 1.5 to 2.5; infinite for a band that doesn't shift.
+        1 or more; see `at_angle`. Mostly 1.5 to 2.5; infinite for a band that doesn't shift, as a
+        Lyot filter's.
 
     Raises
     ------
     ValueError
-        If a length isn't positive, the width or the leak is too large, the leak's range runs
-        backwards, the shape is another word, a table comes without that shape or that shape
-        without one, or the effective index is below 1 or that of a Lyot filter.
+        For another word, a number outside of its range, or a table without that shape.
 
     References
     ----------
@@ -68,7 +72,7 @@ class Band:
 
     centre: float
     fwhm: float
-    shape: Literal["gaussian", "lyot", "interference", "open", "table"] = "gaussian"
+    shape: _Shape = "gaussian"
     leak: float = 0.0
     leak_range: tuple[float, float] = (400e-9, 720e-9)
     table: Spectrum | None = None
@@ -78,10 +82,7 @@ class Band:
         require_wavelength("centre", self.centre)
         require_positive("fwhm", self.fwhm, "m")
         require_size("bandwidth", "fwhm", self.fwhm)
-        if self.shape not in ("gaussian", "lyot", "interference", "open", "table"):
-            raise ValueError(
-                f"shape is {self.shape!r}; choose gaussian, lyot, interference, open or table"
-            )
+        require_choice("shape", self.shape, get_args(_Shape))
         if (self.shape == "table") != (self.table is not None):
             raise ValueError("a table goes with the shape 'table', and only with it")
         # A filter that is twice as wide as its centre would reach down to negative wavelengths.
@@ -99,9 +100,6 @@ class Band:
         low, high = self.leak_range
         if not 0 < low < high < math.inf:
             raise ValueError(f"leak_range is {low:g} to {high:g} m; give the shorter first")
-        self._require_effective_index()
-
-    def _require_effective_index(self) -> None:
         if not self.effective_index >= 1:
             raise ValueError(
                 f"effective_index is {self.effective_index:g}; thin films have 1 or more, mostly "
@@ -123,63 +121,25 @@ class Band:
 
         The phase that a layer adds is in proportion to its thickness times the cosine of the angle
         within it, over the wavelength. So all wavelengths of the curve are multiplied by that
-        cosine, √(1 - sin²θ / n²). The two polarisations aren't told apart.
-
-        Parameters
-        ----------
-        squared_sine : float
-            sin² of the angle of incidence in air, 0 to 1.
-
-        Returns
-        -------
-        Band
-            Of the shape and the leak that this one has, and without an effective index.
-
-        Raises
-        ------
-        ValueError
-            For a squared sine that isn't between 0 and 1.
+        cosine, √(1 - sin²θ / n²), where `squared_sine` is sin² of the angle of incidence in air, 0
+        to 1. The two polarisations aren't told apart. The result has no effective index.
         """
         require_share("squared_sine", squared_sine)
         shorter = math.sqrt(1 - squared_sine / self.effective_index**2)
         table = self.table
         if table is not None:
             table = replace(table, wavelengths=tuple(shorter * one for one in table.wavelengths))
-        return replace(
-            self,
-            centre=shorter * self.centre,
-            fwhm=shorter * self.fwhm,
-            table=table,
-            effective_index=math.inf,
-        )
+        centre, width = shorter * self.centre, shorter * self.fwhm
+        return replace(self, centre=centre, fwhm=width, table=table, effective_index=math.inf)
 
     @staticmethod
     def from_table(
         table: Spectrum, leak: float = 0.0, leak_range: tuple[float, float] = (400e-9, 720e-9)
     ) -> Band:
-        """Make the band of a measured filter from its transmission curve.
+        """Make the band of a measured filter from its transmission curve on any scale.
 
         Its centre is the mean of the wavelengths, weighted by transmission; its width lies between
-        the outermost half maxima.
-
-        Parameters
-        ----------
-        table : Spectrum
-            Transmission on any scale.
-        leak : float, default 0.0
-            Transmission that is added everywhere in `leak_range`.
-        leak_range : tuple of float, default (400e-9, 720e-9)
-            Shortest and longest wavelength of the leak, metres.
-
-        Returns
-        -------
-        Band
-            Of the shape "table".
-
-        Raises
-        ------
-        ValueError
-            If the table passes nothing.
+        the outermost half maxima. Raises ValueError if the table passes nothing.
         """
         if table.peak == 0:
             raise ValueError("the table passes nothing; give a filter's transmission")
@@ -204,7 +164,14 @@ class Band:
             return np.exp(-math.log(2) * np.abs(offset) ** _STEEPNESS)
         if self.shape == "open":
             return (np.abs(offset) <= 1).astype(np.float64)
-        return self._lyot(asked)
+        stages, order = self._stages
+        low, high = self.support
+        inside = (low <= asked) & (asked <= high)
+        u = math.pi * order * (self.centre / np.where(inside, asked, self.centre) - 1)
+        product = np.ones_like(u)
+        for stage in range(stages):
+            product = product * np.cos(2**stage * u) ** 2
+        return np.where(inside, product, 0.0)
 
     def total_transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
         """Compute the transmission at wavelengths in metres, with the leak."""
@@ -219,16 +186,13 @@ class Band:
             return self.table.low, self.table.high
         if self.shape == "lyot":
             _, order = self._stages
+            low = self.centre / (1 + 0.5 / order)
             high = self.centre / (1 - 0.5 / order) if order > 0.5 else math.inf
-            return max(SHORTEST_WAVELENGTH, self.centre / (1 + 0.5 / order)), min(
-                LONGEST_WAVELENGTH, high
-            )
+            return max(SHORTEST_WAVELENGTH, low), min(LONGEST_WAVELENGTH, high)
         halvings = -math.log2(1e-6)
-        reach = {
-            "gaussian": math.sqrt(halvings),
-            "interference": halvings ** (1 / _STEEPNESS),
-            "open": 1.0,
-        }[self.shape]
+        reach = 1.0 if self.shape == "open" else math.sqrt(halvings)
+        if self.shape == "interference":
+            reach = halvings ** (1 / _STEEPNESS)
         half = 0.5 * self.fwhm * reach
         return max(self.centre - half, 0.01 * self.centre), self.centre + half
 
@@ -244,7 +208,7 @@ class Band:
     def _stages(self) -> tuple[int, float]:
         """The number of stages of the Lyot model, and the order of its thinnest stage.
 
-        The order lies between half a wave and one wave. The filter then has the requested width,
+        The order lies between half a wave and one wave, so that the filter has the requested width,
         and its next order lies below half its wavelength.
         """
         # λ± = λ₀ / (1 ∓ a) with half maxima at u = ± π m a lie 2 a λ₀ / (1 - a²) apart.
@@ -254,17 +218,6 @@ class Band:
         while _lyot_half(stages) / (math.pi * a) > 1:
             stages += 1
         return stages, _lyot_half(stages) / (math.pi * a)
-
-    def _lyot(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the transmission of the Lyot model at wavelengths in metres."""
-        stages, order = self._stages
-        low, high = self.support
-        inside = (low <= wavelengths) & (wavelengths <= high)
-        u = math.pi * order * (self.centre / np.where(inside, wavelengths, self.centre) - 1)
-        product = np.ones_like(u)
-        for stage in range(stages):
-            product = product * np.cos(2**stage * u) ** 2
-        return np.where(inside, product, 0.0)
 
 
 def _lyot_half(stages: int) -> float:

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from optics.validation import require_positive, require_wavelength
 
+# Limits in metres of what silicon detects. Spectra that aren't given by a table cover this range.
 SHORTEST_WAVELENGTH, LONGEST_WAVELENGTH = 300e-9, 1100e-9
-"""Limits in metres of the wavelengths that silicon detects. Spectra that aren't given by a table
-cover this range."""
 
 
 @dataclass(frozen=True)
@@ -21,17 +20,14 @@ class Spectrum:
 
     Parameters
     ----------
-    wavelengths : tuple of float
-        Nodes in metres, rising, at least two.
-    values : tuple of float
-        Value at each node, finite and not negative, in the unit of the quantity: a radiance, a
-        share.
+    wavelengths, values : tuple of float
+        Nodes in metres, rising, at least two; and a value at each, finite and not negative, in the
+        unit of the quantity: a radiance, a share.
 
     Raises
     ------
     ValueError
-        If there are fewer than two nodes, another number of values, wavelengths that don't rise or
-        aren't positive and finite, or a value that is negative or not finite.
+        For other numbers.
 
     Examples
     --------
@@ -66,20 +62,7 @@ class Spectrum:
     def flat(
         value: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
     ) -> Spectrum:
-        """Make a spectrum with the same value at all wavelengths of a range.
-
-        Parameters
-        ----------
-        value : float
-            The value.
-        low, high : float, optional
-            Ends of the range in metres, by default 300e-9 and 1100e-9.
-
-        Returns
-        -------
-        Spectrum
-            With a node at each end.
-        """
+        """Make a spectrum with the same value at all wavelengths of a range in metres."""
         return Spectrum((low, high), (value, value))
 
     @property
@@ -94,7 +77,6 @@ class Spectrum:
 
     @property
     def peak(self) -> float:
-        """The largest value."""
         return max(self.values)
 
     def at(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
@@ -121,22 +103,9 @@ class Spectrum:
         return Spectrum(tuple(nodes), tuple(self.at(nodes) * other.at(nodes)))
 
     def integral(self, low: float | None = None, high: float | None = None) -> float:
-        """Integrate over wavelength, exactly.
+        """Integrate exactly over a range of wavelengths in metres, by default the spectrum's own.
 
-        Parameters
-        ----------
-        low, high : float, optional
-            Ends of the range in metres; the spectrum's own by default.
-
-        Returns
-        -------
-        float
-            The integral, in the values' unit times metres.
-
-        Raises
-        ------
-        ValueError
-            If the range runs backwards.
+        Raises ValueError if the range runs backwards.
         """
         start = self.low if low is None else low
         end = self.high if high is None else high
@@ -146,21 +115,16 @@ class Spectrum:
         if start >= end:
             return 0.0
         nodes = np.asarray(self.wavelengths)
-        inner = nodes[(start < nodes) & (nodes < end)]
-        x = np.concatenate([[start], inner, [end]])
+        x = np.concatenate([[start], nodes[(start < nodes) & (nodes < end)], [end]])
         return float(np.trapezoid(self.at(x), x))
 
 
+# Range in metres in which a source's peak counts as 1, and to which liquid-crystal filters can be
+# set.
 VISIBLE = (400e-9, 720e-9)
-"""Shortest and longest wavelength, metres, of the range in which a source's peak counts as 1.
-Liquid-crystal filters can be set to wavelengths in this range."""
 
-HALOGEN_TEMPERATURE = 3200.0
-"""Colour temperature of a photographic halogen lamp in kelvin, for which tungsten film was
-balanced."""
-
-_SECOND_RADIATION_CONSTANT = 0.01438776877503933
-"""Second radiation constant h c / k in metre kelvin, exact in the SI of 2019."""
+HALOGEN_TEMPERATURE = 3200.0  # kelvin, of a photographic lamp, for which tungsten film was balanced
+_SECOND_RADIATION_CONSTANT = 0.01438776877503933  # h c / k in metre kelvin, exact in the SI of 2019
 
 
 def blackbody(
@@ -171,7 +135,7 @@ def blackbody(
     Parameters
     ----------
     temperature : float
-        Kelvin, from 1000 up: a cooler body doesn't shine visibly.
+        Kelvin, finite, from 1000 up: a cooler body doesn't shine visibly.
     low, high : float, optional
         Shortest and longest wavelength in metres, by default 300e-9 and 1100e-9.
 
@@ -183,15 +147,24 @@ def blackbody(
     Raises
     ------
     ValueError
-        If the temperature is below 1000 K or not finite, or the range runs backwards.
+        For another temperature, or a range that runs backwards.
     """
     if not 1000 <= temperature < math.inf:
         raise ValueError(
             f"temperature is {temperature:g} K; a body that shines visibly has 1000 K or more"
         )
-    nodes = _nodes(low, high)
-    peak = _planck(_nodes(*VISIBLE), temperature).max()
-    return Spectrum(tuple(nodes), tuple(_planck(nodes, temperature) / peak))
+    if not 0 < low < high < math.inf:
+        raise ValueError(f"the range is {low:g} to {high:g} m; give the shorter first")
+
+    def nodes_and_light(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+        # With nodes at most 1 nm apart, linear interpolation meets the spectrum of a black body of
+        # 2000 K or more within 2e-4, from 400 nm on.
+        nodes = np.linspace(low, high, max(2, math.ceil((high - low) / 1e-9) + 1))
+        exponent = _SECOND_RADIATION_CONSTANT / (nodes * temperature)
+        return nodes, nodes**-5.0 / np.expm1(exponent)
+
+    nodes, light = nodes_and_light(low, high)
+    return Spectrum(tuple(nodes), tuple(light / nodes_and_light(*VISIBLE)[1].max()))
 
 
 def halogen(temperature: float = HALOGEN_TEMPERATURE) -> Spectrum:
@@ -224,10 +197,8 @@ def monochromatic(wavelength: float, width: float = 1e-9) -> Spectrum:
 
     Parameters
     ----------
-    wavelength : float
-        Peak in metres.
-    width : float, default 1e-9
-        Full width at half maximum in metres; it should be small against a filter's.
+    wavelength, width : float
+        Peak, and full width at half maximum, in metres; it should be small against a filter's.
 
     Returns
     -------
@@ -286,15 +257,3 @@ def lamp_from_table(table: Spectrum) -> Spectrum:
     if peak == 0:
         raise ValueError("the table is 0 from 400 to 720 nm; give a lamp that shines there")
     return table.with_scale(1 / peak)
-
-
-def _nodes(low: float, high: float) -> np.ndarray:
-    if not 0 < low < high < math.inf:
-        raise ValueError(f"the range is {low:g} to {high:g} m; give the shorter first")
-    # With nodes at most 1 nm apart, linear interpolation meets the spectrum of a black body of
-    # 2000 K or more within 2e-4, from 400 nm on.
-    return np.linspace(low, high, max(2, math.ceil((high - low) / 1e-9) + 1))
-
-
-def _planck(wavelengths: np.ndarray, temperature: float) -> np.ndarray:
-    return wavelengths**-5.0 / np.expm1(_SECOND_RADIATION_CONSTANT / (wavelengths * temperature))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optics.validation import require_positive
+from optics.validation import require_choice, require_positive
+
+_Shape = Literal["constant", "sine", "square", "filament"]
 
 
 @dataclass(frozen=True)
@@ -28,32 +30,27 @@ class Waveform:
 
     Parameters
     ----------
-    shape : {"constant", "sine", "square", "filament"}, default "constant"
-        Shape of the curve.
-    frequency : float, default 100.0
-        Frequency of the light in Hz: twice that of the mains.
-    depth : float, default 0.0
-        Depth of the modulation, 0 to 1.
-    phase : float, default 0.0
-        Phase at t = 0, radians.
+    shape, frequency : {"constant", "sine", "square", "filament"}, float, default 100.0
+        Shape of the curve, constant by default, and its frequency in Hz: twice that of the mains.
+    depth, phase : float, default 0.0
+        Depth of the modulation, 0 to 1, and phase at t = 0, radians.
     duty : float, default 0.5
         Share of a period in which a square wave is bright, between 0 and 1.
 
     Raises
     ------
     ValueError
-        If a number is outside its range, or the shape is another word.
+        For another word, or a number outside of its range.
     """
 
-    shape: Literal["constant", "sine", "square", "filament"] = "constant"
+    shape: _Shape = "constant"
     frequency: float = 100.0
     depth: float = 0.0
     phase: float = 0.0
     duty: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.shape not in ("constant", "sine", "square", "filament"):
-            raise ValueError(f"shape is {self.shape!r}; choose constant, sine, square or filament")
+        require_choice("shape", self.shape, get_args(_Shape))
         require_positive("frequency", self.frequency, "Hz")
         if not 0 <= self.depth <= 1:
             raise ValueError(f"depth is {self.depth:g}; light can't be negative: give 0 to 1")
@@ -64,7 +61,6 @@ class Waveform:
 
     @property
     def period(self) -> float:
-        """The period, in seconds."""
         return 1 / self.frequency
 
     @property
@@ -77,9 +73,7 @@ class Waveform:
         """The largest relative deviation from the mean."""
         if self.is_constant:
             return 0.0
-        if self.shape == "square":
-            return max(self.depth, self._excess)
-        return self.depth
+        return max(self.depth, self._excess) if self.shape == "square" else self.depth
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Compute the factor, light over its mean, at times in seconds."""
@@ -91,23 +85,10 @@ class Waveform:
         return 1 + self._sign * self.depth * np.sin(2 * np.pi * (turns % 1))
 
     def mean(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-        """Average the factor over intervals of time, exactly.
+        """Average the factor over intervals of time in seconds, exactly.
 
-        Parameters
-        ----------
-        start, end : array_like
-            Beginning and end of each interval in seconds; arrays that broadcast. Where the two are
-            the same, the answer is the value at that time.
-
-        Returns
-        -------
-        numpy.ndarray, float64
-            Mean over each interval.
-
-        Raises
-        ------
-        ValueError
-            If an interval ends before it starts, or a time isn't finite.
+        Starts and ends broadcast. Where the two are the same, the answer is the value at that time.
+        Raises ValueError if an interval ends before it starts, or a time isn't finite.
         """
         first = np.asarray(start, dtype=np.float64)
         length = np.asarray(end, dtype=np.float64) - first
@@ -116,7 +97,11 @@ class Waveform:
         if self.is_constant:
             return np.ones_like(length)
         if self.shape == "square":
-            return self._square_mean(first, length)
+            turns, span = self._turns(first) % 1, length * self.frequency
+            # The deviation from the mean integrates to zero over a whole period.
+            deviation = self._deviation(turns + span % 1) - self._deviation(turns)
+            mean = 1 + deviation / np.where(span > 0, span, 1.0)
+            return np.where(span > 0, mean, self.at(first))
         # The mean of a sine is the sine at the middle times a sinc of the length. This form doesn't
         # subtract large terms.
         half = length * self.frequency
@@ -135,17 +120,6 @@ class Waveform:
 
     def _turns(self, time: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(time, dtype=np.float64) * self.frequency + self.phase / (2 * np.pi)
-
-    def _square_mean(
-        self, start: NDArray[np.float64], length: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        turns, span = self._turns(start) % 1, length * self.frequency
-        # The deviation from the mean integrates to zero over a whole period.
-        rest = span % 1
-        deviation = self._deviation(turns + rest) - self._deviation(turns)
-        long = span > 0
-        mean = 1 + deviation / np.where(long, span, 1.0)
-        return np.where(long, mean, self.at(start))
 
     def _deviation(self, turns: NDArray[np.float64]) -> NDArray[np.float64]:
         """Integrate a square wave, less its mean, from turn 0 on, in turns."""

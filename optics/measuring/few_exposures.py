@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.measuring.measured import Measured
-from optics.sensor.pile import LEAST_PILE, top_pile
+from optics.sensor.readout import LEAST_PILE, top_pile
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,13 @@ from optics.multispectral.design_search import (
 from optics.multispectral.error_map import ErrorMap, estimate_error_map
 from optics.multispectral.frame_calibration import calibrate_from_frames
 from optics.multispectral.predicted_error import PredictedErrors, SceneSpectrum, predict_errors
-from optics.multispectral.psf_figures import FourierCoverage, dispersion_power, fourier_coverage
-from optics.multispectral.psf_merit import PsfMerit, draw_dead_leaves
+from optics.multispectral.psf_merit import (
+    FourierCoverage,
+    PsfMerit,
+    dispersion_power,
+    draw_dead_leaves,
+    fourier_coverage,
+)
 from optics.multispectral.published_restoration import restore_by_published_objective
 from optics.multispectral.restoration import restore_spectra
 from optics.multispectral.self_calibration import refine_from_photograph

@@ -14,11 +14,8 @@ from optics.targets import dots, linear_dispersion, ring, spiral
 from optics.threads import single_threaded
 from optics.validation import require_count, require_positive, require_share, require_wavelength
 
-Position = tuple[float, float]
-"""(y, x) of a dot in metres."""
-
-_WIDTH = 0.6
-"""Standard deviation across a stroke or of a dot, in pixels: about as sharp as pixels allow."""
+Position = tuple[float, float]  # (y, x) of a dot in metres
+_WIDTH = 0.6  # standard deviation of a stroke or a dot in pixels: about as sharp as they allow
 
 
 def ring_psfs(
@@ -30,20 +27,16 @@ def ring_psfs(
     width: float | None = None,
     unmodulated: float = 0.0,
 ) -> torch.Tensor:
-    """Draw PSFs of concentric rings, whose radii grow with the wavelength.
+    """Draw PSFs of concentric rings, whose radii grow with the wavelength (thesis Fig. 4.3).
 
     The rings are evenly spaced and equally bright along their circumference.
 
     Parameters
     ----------
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres.
-    radius : float
-        Radius of the largest ring at the longest wavelength, metres.
-    count : int, default 1
-        Number of rings.
+    plane, wavelengths : Plane, sequence of float
+        Pixels of the sensor around the axis, and the wavelength of each band in metres.
+    radius, count : float, int
+        Radius of the largest ring at the longest wavelength, metres; number of rings.
     width : float, optional
         Standard deviation across a ring, metres; 0.6 pixels if None.
     unmodulated : float, default 0.0
@@ -58,20 +51,15 @@ def ring_psfs(
     ------
     ValueError
         If a size isn't possible, or the largest ring doesn't fit on the plane.
-
-    References
-    ----------
-    Thesis Fig. 4.3.
     """
     require_count("count", count)
-    sharp = _stroke_width(plane, width)
 
-    def draw(scale: float) -> torch.Tensor:
+    def draw(scale: float, sharp: float) -> torch.Tensor:
         shares = [(k + 1) / count for k in range(count)]
         rings = [share * ring(plane, scale * share * radius, sharp) for share in shares]
         return torch.stack(rings).sum(0) / sum(shares)
 
-    return _draw_bands(draw, plane, wavelengths, unmodulated)
+    return _draw_bands(draw, plane, wavelengths, width, unmodulated)
 
 
 def spiral_psfs(
@@ -87,18 +75,11 @@ def spiral_psfs(
 
     Parameters
     ----------
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres.
-    radius : float
-        Largest distance from the axis at the longest wavelength, metres.
-    turns : float, default 3.0
-        Number of turns, from the axis outwards.
-    width : float, optional
-        Standard deviation across the stroke, metres; 0.6 pixels if None.
-    unmodulated : float, default 0.0
-        Share of the light that stays on the axis, 0 to 1.
+    plane, wavelengths, width, unmodulated
+        As of `ring_psfs`.
+    radius, turns : float
+        Largest distance from the axis at the longest wavelength, metres; number of turns, from the
+        axis outwards.
 
     Returns
     -------
@@ -110,12 +91,11 @@ def spiral_psfs(
     ValueError
         If a size isn't possible, or the spiral doesn't fit on the plane.
     """
-    sharp = _stroke_width(plane, width)
 
-    def draw(scale: float) -> torch.Tensor:
+    def draw(scale: float, sharp: float) -> torch.Tensor:
         return spiral(plane, scale * radius, sharp, turns)
 
-    return _draw_bands(draw, plane, wavelengths, unmodulated)
+    return _draw_bands(draw, plane, wavelengths, width, unmodulated)
 
 
 def dot_psfs(
@@ -130,16 +110,10 @@ def dot_psfs(
 
     Parameters
     ----------
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres.
+    plane, wavelengths, width, unmodulated
+        As of `ring_psfs`.
     positions : sequence of tuple of float
         (y, x) of each dot at the longest wavelength, metres.
-    width : float, optional
-        Standard deviation of a dot, metres; 0.6 pixels if None.
-    unmodulated : float, default 0.0
-        Share of the light that stays on the axis, 0 to 1.
 
     Returns
     -------
@@ -151,12 +125,11 @@ def dot_psfs(
     ValueError
         If there is no dot, or one doesn't fit on the plane.
     """
-    sharp = _stroke_width(plane, width)
 
-    def draw(scale: float) -> torch.Tensor:
+    def draw(scale: float, sharp: float) -> torch.Tensor:
         return dots(plane, [(scale * y, scale * x) for y, x in positions], sharp)
 
-    return _draw_bands(draw, plane, wavelengths, unmodulated)
+    return _draw_bands(draw, plane, wavelengths, width, unmodulated)
 
 
 def linear_dispersion_psfs(
@@ -168,22 +141,16 @@ def linear_dispersion_psfs(
     width: float | None = None,
     unmodulated: float = 0.0,
 ) -> torch.Tensor:
-    """Draw PSFs of a prism: one dot, which moves along a line through the axis.
+    """Draw PSFs of a prism: a dot that moves along a line through the axis (thesis Fig. 4.11).
 
     Parameters
     ----------
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres; two that differ, or more.
+    plane, wavelengths, width, unmodulated
+        As of `ring_psfs`; two wavelengths that differ, or more.
     radius : float
         Distance from the axis of the shortest and of the longest wavelength, metres.
     direction : float, default 0.0
         Angle in radians from x towards y, towards which longer waves move.
-    width : float, optional
-        Standard deviation of the dot, metres; 0.6 pixels if None.
-    unmodulated : float, default 0.0
-        Share of the light that stays on the axis, 0 to 1.
 
     Returns
     -------
@@ -194,10 +161,6 @@ def linear_dispersion_psfs(
     ------
     ValueError
         If all wavelengths are equal, or the line doesn't fit on the plane.
-
-    References
-    ----------
-    Thesis Fig. 4.11.
     """
     require_positive("radius", radius, "m")
     _require_wavelengths(wavelengths)
@@ -216,15 +179,17 @@ def linear_dispersion_psfs(
 
 
 def _draw_bands(
-    draw: Callable[[float], torch.Tensor],
+    draw: Callable[[float, float], torch.Tensor],
     plane: Plane,
     wavelengths: Sequence[float],
+    width: float | None,
     unmodulated: float,
 ) -> torch.Tensor:
     """Draw a shape for each band, scaled by its wavelength relative to the longest."""
+    sharp = _stroke_width(plane, width)
     _require_wavelengths(wavelengths)
     longest = max(wavelengths)
-    pictures = [draw(float(one) / float(longest)) for one in wavelengths]
+    pictures = [draw(float(one) / float(longest), sharp) for one in wavelengths]
     return _add_unmodulated(torch.stack(pictures), unmodulated)
 
 
@@ -251,23 +216,17 @@ def _require_wavelengths(wavelengths: Sequence[float]) -> None:
         require_wavelength("wavelength", one)
 
 
-Merit = Callable[[torch.Tensor], float]
-"""Rates a stack of PSFs, (bands, rows, columns), in dB."""
+Merit = Callable[[torch.Tensor], float]  # rates PSFs, (bands, rows, columns), in dB
 
-_MOST_RINGS = 4
-_TURNS = (1.0, 2.0, 3.0, 4.0)
-_POLYGONS = tuple(range(2, 9))
-_MOST_DOTS = 24
-"""Families that the search tries: rings, turns of a spiral, corners of a regular polygon of dots,
-and dots at random places; chosen."""
+# Families that the search tries: rings, turns of a spiral, corners of a regular polygon of dots,
+# and dots at random places; chosen.
+_MOST_RINGS, _TURNS, _POLYGONS, _MOST_DOTS = 4, (1.0, 2.0, 3.0, 4.0), range(2, 9), 24
 
+# Least distance of dots from each other and from the axis at the shortest wavelength, in pixels:
+# nearer ones would be one dot, or add to the unmodulated light. Chosen.
 _LEAST_DISTANCE = 3.0
-"""Least distance of dots from each other and from the axis at the shortest wavelength, in pixels:
-nearer ones would be one dot, or add to the unmodulated light. Chosen."""
 
-_FIRST_STEP, _LAST_STEP = 0.4, 0.05
-"""Standard deviation of the first and of the last moves of a dot, relative to the radius; chosen.
-"""
+_FIRST_STEP, _LAST_STEP = 0.4, 0.05  # standard deviation of moves of a dot, over the radius; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,10 +235,8 @@ class Design:
 
     Parameters
     ----------
-    name : str
-        The design in words.
-    psfs : torch.Tensor, (bands, rows, columns), float64
-        PSF of each band.
+    name, psfs : str, torch.Tensor, (bands, rows, columns), float64
+        The design in words, and the PSF of each band.
     level : float
         Merit of the PSFs, the expected mean PSNR of the bands in dB.
     positions : tuple of tuple of float
@@ -316,20 +273,14 @@ def search_design(
     ----------
     merit : callable
         Rates PSFs, (bands, rows, columns), by a level in dB: see `PsfMerit`.
-    plane : Plane
-        Pixels of the sensor around the axis.
-    wavelengths : sequence of float
-        Wavelength of each band in metres.
+    plane, wavelengths, unmodulated
+        As of `ring_psfs`.
     radius : float
         Largest distance from the axis at the longest wavelength, metres.
-    unmodulated : float
-        Share of the light that stays on the axis, 0 to 1.
     generator : torch.Generator
         Source of random numbers.
-    candidates : int, default 40
-        Number of random sets of dots.
-    steps : int, default 100
-        Number of moves that are tried.
+    candidates, steps : int, default 40, 100
+        Number of random sets of dots, and of moves that are tried.
     progress : Progress, optional
         Receives reports, and can cancel the work.
 
@@ -353,54 +304,45 @@ def search_design(
     search.try_families(progress.part(0.0, 0.2))
     search.try_random_dots(candidates, progress.part(0.2, 0.5))
     search.move_dots(steps, progress.part(0.5, 1.0))
+    assert search.best is not None
     return search.best
 
 
+@dataclass(eq=False)
 class _Search:
     """What a search is given, and the best designs so far."""
 
-    def __init__(
-        self,
-        merit: Merit,
-        plane: Plane,
-        wavelengths: Sequence[float],
-        radius: float,
-        unmodulated: float,
-        generator: torch.Generator,
-    ) -> None:
-        self._merit, self._plane, self._wavelengths = merit, plane, wavelengths
-        self._radius, self._unmodulated, self._generator = radius, unmodulated, generator
-        shortest = min(wavelengths) / max(wavelengths)
-        self._least_distance = _LEAST_DISTANCE * max(plane.pitch) / shortest
-        if radius < 2 * self._least_distance:
-            raise ValueError(
-                f"radius is {radius:g} m; dots need {2 * self._least_distance:.3g} m or more to "
-                "lie apart on these pixels"
-            )
-        self._best: Design | None = None
-        self._best_dots: Design | None = None
+    merit: Merit
+    plane: Plane
+    wavelengths: Sequence[float]
+    radius: float
+    unmodulated: float
+    generator: torch.Generator
+    best: Design | None = None
+    best_dots: Design | None = None
 
-    @property
-    def best(self) -> Design:
-        assert self._best is not None
-        return self._best
+    def __post_init__(self) -> None:
+        shortest = min(self.wavelengths) / max(self.wavelengths)
+        self._least_distance = _LEAST_DISTANCE * max(self.plane.pitch) / shortest
+        if self.radius < 2 * self._least_distance:
+            raise ValueError(
+                f"radius is {self.radius:g} m; dots need {2 * self._least_distance:.3g} m or more "
+                "to lie apart on these pixels"
+            )
 
     def try_families(self, progress: Progress) -> None:
         """Try rings, spirals, and dots at the corners of regular polygons."""
-        given, share = (self._plane, self._wavelengths, self._radius), self._unmodulated
+        given, share = (self.plane, self.wavelengths, self.radius), self.unmodulated
         for count in range(1, _MOST_RINGS + 1):
             self._keep_better(f"{count} rings", ring_psfs(*given, count=count, unmodulated=share))
             progress.report(0.25 * count / _MOST_RINGS, "rings")
         for turns in _TURNS:
-            self._keep_better(
-                f"spiral of {turns:g} turns", spiral_psfs(*given, turns=turns, unmodulated=share)
-            )
+            psfs = spiral_psfs(*given, turns=turns, unmodulated=share)
+            self._keep_better(f"spiral of {turns:g} turns", psfs)
             progress.report(0.5, "spirals")
         for corners in _POLYGONS:
             angles = [2 * math.pi * k / corners for k in range(corners)]
-            self._try_dots(
-                [(self._radius * math.sin(a), self._radius * math.cos(a)) for a in angles]
-            )
+            self._try_dots([_at_angle(self.radius, angle) for angle in angles])
             progress.report(1.0, "polygons of dots")
 
     def try_random_dots(self, candidates: int, progress: Progress) -> None:
@@ -409,9 +351,8 @@ class _Search:
             count = round(_MOST_DOTS ** self._random())
             positions = list[Position]()
             for _ in range(10 * count):
-                distance = self._radius * math.sqrt(self._random())
-                angle = 2 * math.pi * self._random()
-                place = distance * math.sin(angle), distance * math.cos(angle)
+                distance = self.radius * math.sqrt(self._random())
+                place = _at_angle(distance, 2 * math.pi * self._random())
                 if len(positions) < count and self._is_apart(place, positions):
                     positions.append(place)
             if positions:
@@ -422,13 +363,13 @@ class _Search:
         """Move, add or remove single dots of the best design that is made of dots."""
         for n in range(steps):
             step = _FIRST_STEP * (_LAST_STEP / _FIRST_STEP) ** (n / steps)
-            self._try_dots(self._changed_dots(step * self._radius))
+            self._try_dots(self._changed_dots(step * self.radius))
             progress.report((n + 1) / steps, f"moves of dots {n + 1}/{steps}")
 
     def _changed_dots(self, step: float) -> list[Position]:
         """Return the best dots after a random change of one of them."""
-        assert self._best_dots is not None
-        positions = list(self._best_dots.positions)
+        assert self.best_dots is not None
+        positions = list(self.best_dots.positions)
         chosen = positions[int(self._random() * len(positions))]
         kind = self._random()
         if kind < 0.8 or (kind < 0.9 and len(positions) == 1):
@@ -436,7 +377,7 @@ class _Search:
         elif kind < 0.9:
             positions.remove(chosen)
             return positions
-        shift = torch.randn(2, generator=self._generator, dtype=torch.float64).tolist()
+        shift = torch.randn(2, generator=self.generator, dtype=torch.float64).tolist()
         place = chosen[0] + step * shift[0], chosen[1] + step * shift[1]
         return [*positions, place] if self._is_apart(place, positions) else [*positions, chosen]
 
@@ -447,22 +388,22 @@ class _Search:
         farthest = max(math.hypot(*place) for place in around)
         if farthest < self._least_distance:
             return
-        scale = self._radius / farthest
+        scale = self.radius / farthest
         placed = tuple((scale * y, scale * x) for y, x in around)
         if not all(self._is_apart(p, [q for q in placed if q != p]) for p in placed):
             return
-        psfs = dot_psfs(self._plane, self._wavelengths, placed, unmodulated=self._unmodulated)
+        psfs = dot_psfs(self.plane, self.wavelengths, placed, unmodulated=self.unmodulated)
         found = self._keep_better(f"{len(placed)} dots", psfs, placed)
-        if self._best_dots is None or found.level > self._best_dots.level:
-            self._best_dots = found
+        if self.best_dots is None or found.level > self.best_dots.level:
+            self.best_dots = found
 
     def _keep_better(
         self, name: str, psfs: torch.Tensor, positions: tuple[Position, ...] = ()
     ) -> Design:
         """Rate PSFs, and keep them if they are the best."""
-        found = Design(name, psfs, self._merit(psfs), positions)
-        if self._best is None or found.level > self._best.level:
-            self._best = found
+        found = Design(name, psfs, self.merit(psfs), positions)
+        if self.best is None or found.level > self.best.level:
+            self.best = found
         return found
 
     def _is_apart(self, place: Position, others: Sequence[Position]) -> bool:
@@ -470,5 +411,8 @@ class _Search:
         return all(math.dist(place, other) >= self._least_distance for other in ((0, 0), *others))
 
     def _random(self) -> float:
-        """Draw a number between 0 and 1."""
-        return float(torch.rand((), generator=self._generator, dtype=torch.float64))
+        return float(torch.rand((), generator=self.generator, dtype=torch.float64))
+
+
+def _at_angle(distance: float, angle: float) -> Position:
+    return distance * math.sin(angle), distance * math.cos(angle)

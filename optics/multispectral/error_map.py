@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 
@@ -18,24 +18,21 @@ from optics.multispectral.predicted_error import predict_errors
 from optics.threads import single_threaded
 from optics.validation import require_finite, require_unmasked
 
+# Least cosine between what the filters transmit of bands that count as alike: a third of a band's
+# light, or less, then differs through the filters in more than brightness. Chosen.
 _ALIKE = 0.95
-"""Least cosine between what the filters transmit of two spectral bands that count as alike: a third
-of a band's light, or less, then differs through the filters in more than brightness. Chosen."""
 
-_SAME_PSFS = 0.99
-"""Least cosine between the PSFs of two spectral bands that count as the same; chosen."""
+_SAME_PSFS = 0.99  # least cosine between the PSFs of bands that count as the same; chosen
 
 
 def find_alike_bands(filters: torch.Tensor) -> list[tuple[int, ...]]:
     """Find the groups of bands that the filters see alike, but for a factor.
 
     Returns ascending indices of two bands or more in each group. A band is in a group if it is like
-    another of them, and in one group at most.
-
-    filters: one period of the mosaic's pattern, (bands, rows, columns): the share of each band that
-        each pixel transmits.
+    another of them, and in one group at most. `filters` is one period of the mosaic's pattern,
+    (bands, rows, columns).
     """
-    alike = cosines(filters) >= _ALIKE
+    alike = _cosines(filters) >= _ALIKE
     groups: list[set[int]] = []
     for band, row in enumerate(alike):
         joined = {band, *(int(other) for other in row.nonzero())}
@@ -46,79 +43,48 @@ def find_alike_bands(filters: torch.Tensor) -> list[tuple[int, ...]]:
     return sorted(tuple(sorted(group)) for group in groups if len(group) > 1)
 
 
-def cosines(pictures: torch.Tensor) -> torch.Tensor:
-    """Compute how alike the pictures of each two bands are: filters or PSFs.
+def _cosines(pictures: torch.Tensor) -> torch.Tensor:
+    """Compute how alike the pictures of each two bands are, filters or PSFs: (bands, bands).
 
-    `pictures` are (bands, rows, columns). The result is (bands, bands), float64: the cosines of the
-    angles between them, 1 for bands that differ by a factor only.
+    These are the cosines of the angles between them, 1 for bands that differ by a factor only.
     """
     flat = pictures.flatten(1).to(torch.float64)
     directions = flat / flat.norm(dim=1, keepdim=True)
     return directions @ directions.mT
 
 
-def filter_period(observation: MosaicObservation) -> torch.Tensor:
+def _filter_period(observation: MosaicObservation) -> torch.Tensor:
     """Return one period of a mosaic's filters, (bands, rows, columns), float64."""
     rows, columns = observation.filter_period
     return observation.filters[:, :rows, :columns].to(torch.float64)
 
 
-def describe_alike_bands(
-    groups: Sequence[Sequence[int]], psfs: torch.Tensor, labels: Sequence[str]
-) -> str:
-    """Describe which bands only the PSFs separate, a sentence for each group; empty without any.
-
-    groups: indices of the bands of each group that the filters see alike.
-    psfs: PSF of each band, (bands, rows, columns).
-    labels: name of each band.
-    """
-    return " ".join(
-        f"The filters see {_enumerate([labels[band] for band in group])} alike: "
-        + _describe_separation(psfs[list(group)])
-        for group in groups
+def _describe_alike_bands(names: Sequence[str], psfs: torch.Tensor) -> str:
+    """Describe whether PSFs, (bands, rows, columns), separate bands that the filters see alike."""
+    apart = _cosines(psfs) - torch.eye(len(psfs), dtype=torch.float64)
+    separated = (
+        "only the PSFs could separate these bands, and those of some don't differ either; how "
+        "the light is divided among them is a guess from typical spectra."
+        if float(apart.max()) >= _SAME_PSFS
+        else "only the PSFs separate these bands, so that light may be restored in the wrong one "
+        "of them."
     )
+    return f"The filters see {', '.join(names[:-1])} and {names[-1]} alike: {separated}"
 
 
-def _describe_separation(psfs: torch.Tensor) -> str:
-    """Describe whether PSFs separate bands that the filters see alike."""
-    apart = cosines(psfs) - torch.eye(len(psfs), dtype=torch.float64)
-    if float(apart.max()) >= _SAME_PSFS:
-        return (
-            "only the PSFs could separate these bands, and those of some don't differ either; how "
-            "the light is divided among them is a guess from typical spectra."
-        )
-    return (
-        "only the PSFs separate these bands, so that light may be restored in the wrong one of "
-        "them."
-    )
-
-
-def _enumerate(words: Sequence[str]) -> str:
-    """Join words to a list in plain English."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-
-
+# Standard deviation in pixels of the Gaussian that smooths restored light; chosen.
 _LIGHT_WIDTH = 1.0
-"""Standard deviation in pixels of the Gaussian that smooths the restored light; chosen."""
+_GRADIENT_WIDTH = 2.0  # the same for the length of the gradient; chosen
 
-_GRADIENT_WIDTH = 2.0
-"""The same for the length of the gradient; chosen."""
+# What is added to light and gradient over the scene's light, so that logarithms end in the dark.
+_LEAST_LIGHT, _LEAST_GRADIENT = 3e-3, 1e-3
 
-_LEAST_LIGHT = 3e-3
-_LEAST_GRADIENT = 1e-3
-"""What is added to light and gradient relative to the scene's light, so that their logarithms end
-in the dark; chosen."""
-
+# Least noise of the Gaussian scene over its light: without any all would be known; chosen.
 _LEAST_PREDICTED_NOISE = 3e-4
-"""Least noise of the Gaussian scene relative to its light, as without any all would be known;
-chosen."""
-
-_PERIOD = 64
-"""Least number of pixels of the Gaussian scene beside the PSFs: enough frequencies."""
+_PERIOD = 64  # least pixels of the Gaussian scene beside the PSFs: enough frequencies
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorFeatures:
+class ErrorFeatures(NamedTuple):
     """What the error of a restoration is estimated from.
 
     logarithms: by name, the natural logarithm of each feature relative to `scale`; shapes broadcast
@@ -133,45 +99,18 @@ class ErrorFeatures:
 def error_features(
     observation: MosaicObservation, image: torch.Tensor, spectra: Any
 ) -> ErrorFeatures:
-    """Compute what a restoration's error is estimated from, whatever the unit of light.
+    """Compute what the error of a restored picture, (bands, rows, columns), is estimated from.
 
     The features are the restored light of the band, that of the bands which the filters see alike,
     and the length of the band's gradient, all smoothed; and the error of the band that is predicted
     for Gaussian scenes of typical spectra. Tried without gain: the noise, the length of the whole
     spectrum, light of wider surroundings, and a prediction for the scene's own spectra.
 
-    Raises ValueError if the picture or the spectra don't fit the observation, or aren't finite, or
-    if the picture has no light.
-
-    image: the restored picture, (bands, rows, columns).
-    spectra: typical spectra, (samples, bands).
+    Raises ValueError if the picture or the typical spectra, (samples, bands), don't fit the
+    observation, or aren't finite, or if the picture has no light.
     """
     require_unmasked(spectra)
     samples = torch.as_tensor(spectra, dtype=torch.float64)
-    _require(observation, image, samples)
-    scale = float(image.square().sum(0).mean().sqrt())
-    if not scale > 0:
-        raise ValueError("the restored picture has no light; there is nothing to estimate")
-    light = _smooth(image, _LIGHT_WIDTH)
-    alike = torch.einsum(
-        "nm,mrc->nrc", cosines(filter_period(observation)).square().to(light), light
-    )
-    gradient = _smooth(torch.hypot(*torch.gradient(image, dim=(-2, -1))), _GRADIENT_WIDTH)
-    noise = _scene_noise(observation) / scale
-    return ErrorFeatures(
-        {
-            "constant": torch.ones(1, 1, 1).to(image),
-            "light": _logarithm(light / scale, _LEAST_LIGHT),
-            "alike": _logarithm(alike / scale, _LEAST_LIGHT),
-            "gradient": _logarithm(gradient / scale, _LEAST_GRADIENT),
-            "predicted": _predicted_shares(observation, samples, noise).log().to(image),
-        },
-        scale,
-    )
-
-
-def _require(observation: MosaicObservation, image: torch.Tensor, samples: torch.Tensor) -> None:
-    """Raise ValueError for a restored picture or spectra that don't fit the observation."""
     wanted = (observation.bands, *observation.image.shape)
     if tuple(image.shape) != wanted:
         raise ValueError(
@@ -185,11 +124,24 @@ def _require(observation: MosaicObservation, image: torch.Tensor, samples: torch
         raise ValueError(f"the picture has {wanted[1]} x {wanted[2]} pixels; give 2 x 2 or more")
     require_finite("restored", image)
     require_finite("spectra", samples)
-
-
-def _scene_noise(observation: MosaicObservation) -> float:
-    """Return the noise of a raw picture on the scale of the scene's light."""
-    return observation.noise / float(observation.psfs.sum((-2, -1)).mean())
+    scale = float(image.square().sum(0).mean().sqrt())
+    if not scale > 0:
+        raise ValueError("the restored picture has no light; there is nothing to estimate")
+    light = _smooth(image, _LIGHT_WIDTH)
+    likeness = _cosines(_filter_period(observation)).square().to(light)
+    alike = torch.einsum("nm,mrc->nrc", likeness, light)
+    gradient = _smooth(torch.hypot(*torch.gradient(image, dim=(-2, -1))), _GRADIENT_WIDTH)
+    noise = observation.noise / float(observation.psfs.sum((-2, -1)).mean()) / scale
+    return ErrorFeatures(
+        {
+            "constant": torch.ones(1, 1, 1).to(image),
+            "light": _logarithm(light / scale, _LEAST_LIGHT),
+            "alike": _logarithm(alike / scale, _LEAST_LIGHT),
+            "gradient": _logarithm(gradient / scale, _LEAST_GRADIENT),
+            "predicted": _predicted_shares(observation, samples, noise).log().to(image),
+        },
+        scale,
+    )
 
 
 def _predicted_shares(
@@ -199,10 +151,10 @@ def _predicted_shares(
 
     `noise` is relative to the length of the spectra. The result is (bands, 1, 1).
     """
-    filters = filter_period(observation)
+    filters = _filter_period(observation)
     rows, columns = filters.shape[1:]
-    letters = [chr(ord("A") + n) for n in range(rows * columns)]
-    pattern = ["".join(letters[row * columns : (row + 1) * columns]) for row in range(rows)]
+    letters = "".join(chr(ord("A") + n) for n in range(rows * columns))
+    pattern = [letters[row * columns : (row + 1) * columns] for row in range(rows)]
     step = math.lcm(rows, columns)
     length = float(samples.square().sum(1).mean().sqrt())
     errors = predict_errors(
@@ -211,7 +163,7 @@ def _predicted_shares(
         pattern,
         samples,
         max(noise, _LEAST_PREDICTED_NOISE) * length,
-        channels="".join(letters),
+        channels=letters,
         period=step * -(-max(_PERIOD, *observation.psfs.shape[1:]) // step),
     )
     return (errors.rms / errors.prior_rms)[:, None, None]
@@ -233,6 +185,11 @@ def _smooth(bands: torch.Tensor, sigma: float) -> torch.Tensor:
     return torch.nn.functional.conv2d(rows, weights[None, None, None, :])[:, 0]
 
 
+# Coefficients of the logarithm of the half width, by feature: see `error_features`. Fitted by
+# `python -m figures.fit_error_map` to 48 restorations of 12 scenes with four designs and noise from
+# 0 to 0.03. Where a scene's intervals came from the other scenes, they held 89 % of its lit pixels
+# in the mean; the standard deviation over scenes, designs and bands was 8 %. In the dark, below a
+# length of the spectrum of 0.1, it was 91 and 12 %.
 _COEFFICIENTS = {
     "constant": 0.033,
     "light": 0.085,
@@ -240,11 +197,6 @@ _COEFFICIENTS = {
     "gradient": 0.275,
     "predicted": 0.865,
 }
-"""Coefficients of the logarithm of the half width, by feature: see `error_features`. Fitted by
-`python -m figures.fit_error_map` to 48 restorations of 12 scenes with four designs and noise from 0
-to 0.03. Where a scene's intervals came from the other scenes, they held 89 % of its lit pixels in
-the mean; the standard deviation over scenes, designs and bands was 8 %. In the dark, below a length
-of the spectrum of 0.1, it was 91 and 12 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,10 +208,8 @@ class ErrorMap:
     half_width : torch.Tensor or numpy.ndarray, (bands, rows, columns)
         Half the width of an interval around each restored value that is estimated to hold the true
         one with a probability of 0.9; in the picture's unit, above 0.
-    uncertain_bands : tuple of int
-        Indices of the bands that only the PSFs separate, as the filters see them alike.
-    message : str
-        What these bands are, in words; empty if there are none.
+    uncertain_bands, message : tuple of int, str
+        Indices of the bands that only the PSFs separate, as the filters see them alike; in words.
     """
 
     half_width: Any
@@ -287,10 +237,8 @@ def estimate_error_map(
 
     Parameters
     ----------
-    observation : MosaicObservation
-        The raw picture with its filters and PSFs, as it was restored.
-    restored : RestoredImage
-        The result of `restore_spectra`.
+    observation, restored : MosaicObservation, RestoredImage
+        The raw picture with its filters and PSFs, and the result of `restore_spectra`.
     spectra : torch.Tensor or numpy.ndarray, (samples, bands)
         The typical spectra with which it was restored.
     labels : sequence of str, optional
@@ -304,30 +252,26 @@ def estimate_error_map(
     Raises
     ------
     ValueError
-        If the picture, the spectra or the labels don't fit the observation, or aren't finite, or
-        if the picture has no light.
+        If something doesn't fit the observation, or isn't finite, or the picture has no light.
 
     References
     ----------
     Koenker and Bassett 1978, doi 10.2307/1913643 (regression quantiles).
     """
-    names = _band_labels(labels, observation.bands)
+    bands = observation.bands
+    names = [f"band {number + 1}" for number in range(bands)] if labels is None else labels
+    if len(names) != bands:
+        raise ValueError(f"labels has {len(names)} names; give one for each of {bands} bands")
     features = error_features(observation, torch.as_tensor(restored.image), spectra)
     exponent = sum(_COEFFICIENTS[name] * value for name, value in features.logarithms.items())
     half_width = features.scale * torch.exp(torch.as_tensor(exponent))
-    psfs = observation.psfs.expand(observation.bands, -1, -1)
-    groups = find_alike_bands(filter_period(observation))
+    psfs = observation.psfs.expand(bands, -1, -1)
+    groups = find_alike_bands(_filter_period(observation))
     return ErrorMap(
         half_width.numpy() if observation.is_numpy else half_width,
         tuple(sorted(band for group in groups for band in group)),
-        describe_alike_bands(groups, psfs, names),
+        " ".join(
+            _describe_alike_bands([names[band] for band in group], psfs[list(group)])
+            for group in groups
+        ),
     )
-
-
-def _band_labels(labels: Sequence[str] | None, bands: int) -> list[str]:
-    """Return the names of the bands, or raise ValueError for another number of them."""
-    if labels is None:
-        return [f"band {number}" for number in range(1, bands + 1)]
-    if len(labels) != bands:
-        raise ValueError(f"labels has {len(labels)} names; give one for each of {bands} bands")
-    return list(labels)

@@ -10,30 +10,30 @@ import torch
 
 from optics.inverse.pixel_operators import filter_weights
 from optics.threads import single_threaded
-from optics.validation import require_count, require_finite, require_positive, require_unmasked
+from optics.validation import as_finite_array, require_count, require_positive
 
 
 def forward_matrices(psfs: torch.Tensor, filters: torch.Tensor, period: int) -> torch.Tensor:
     """Compute the matrices from a scene's bands to the raw picture, on frequencies.
 
     The result is (groups, measured frequencies, scene's frequencies, bands), complex: the matrices
-    of each group of frequencies that the mosaic mixes.
-
-    psfs: PSF of each band, (bands, rows, columns), or one for all, with its origin at n // 2;
-        wrapped around the period.
-    filters: one period of the mosaic's pattern, (bands, rows, columns): the share of each band that
-        each pixel transmits.
-    period: rows and columns of the repeated scene, a multiple of the pattern's.
+    of each group of frequencies that the mosaic mixes. `filters` is one period of the mosaic's
+    pattern, and PSFs are wrapped around the rows and columns of the repeated scene, a multiple of
+    the pattern's.
     """
-    transfer = group_frequencies(_transfer(psfs, period), filters.shape[1:])
+    wrapped = psfs.new_zeros(len(psfs), period, period)
+    rows, columns = ((torch.arange(n) - n // 2) % period for n in psfs.shape[-2:])
+    place = (torch.arange(len(psfs))[:, None, None], rows[:, None], columns)
+    wrapped.index_put_(place, psfs, accumulate=True)
+    transfer = group_frequencies(torch.fft.fft2(wrapped), filters.shape[1:])
     return _mixing(filters)[None] * transfer[:, None]
 
 
 def group_frequencies(values: torch.Tensor, pattern: Sequence[int]) -> torch.Tensor:
-    """Group the frequencies that a mosaic mixes, which are whole steps apart.
+    """Group the frequencies, (bands, period, period), that a mosaic mixes.
 
-    `values` is (bands, period, period). The result is (groups, frequencies, bands), where the
-    frequency (i, j) is i times period / rows and j times period / columns above the group's first.
+    The result is (groups, frequencies, bands), where the frequency (i, j) is i times period / rows
+    and j times period / columns above the group's first.
     """
     down, along = pattern
     bands, rows, columns = values.shape
@@ -47,45 +47,26 @@ def squared_frequencies(period: int) -> torch.Tensor:
     return squares[:, None] + squares
 
 
-def _transfer(psfs: torch.Tensor, period: int) -> torch.Tensor:
-    """Compute transfer functions on a square period, at all frequencies of the FFT."""
-    rows = torch.arange(psfs.shape[-2]) - psfs.shape[-2] // 2
-    columns = torch.arange(psfs.shape[-1]) - psfs.shape[-1] // 2
-    wrapped = psfs.new_zeros(len(psfs), period, period)
-    place = (
-        (rows % period)[:, None].expand(psfs.shape[1:]),
-        (columns % period).expand(psfs.shape[1:]),
-    )
-    for band, psf in zip(wrapped, psfs, strict=True):
-        band.index_put_(place, psf, accumulate=True)
-    return torch.fft.fft2(wrapped)
-
-
 def _mixing(filters: torch.Tensor) -> torch.Tensor:
-    """Compute how a mosaic of filters mixes the frequencies of one group.
+    """Compute how one period of filters, (bands, rows, columns), mixes a group's frequencies.
 
-    `filters` is one period of the pattern, (bands, rows, columns). The result is (measured
-    frequencies, the scene's frequencies, bands).
+    The result is (measured frequencies, the scene's frequencies, bands).
     """
     down, along = filters.shape[1:]
     series = torch.fft.fft2(filters) / (down * along)
-    row, column = (one.flatten() for one in torch.meshgrid(
-        torch.arange(down), torch.arange(along), indexing="ij"
-    ))  # fmt: skip
+    row, column = torch.arange(down * along) // along, torch.arange(down * along) % along
     rows = (row[:, None] - row) % down
     columns = (column[:, None] - column) % along
     return series[:, rows, columns].permute(1, 2, 0)
 
 
-_SLOPE = 3.0
-_CONTRAST = 0.5
-_NOISE_EXCESS = 2.0
-"""Default model of scenes and of restoration. Measured with 38 designs and six scenes, which served
-no other purpose: of slopes from 2 to 4 and ratios of excess and contrast from 1 to 12, one of the
-best. The predicted mean PSNR of a design differs from that of `restore_spectra` by 0.13 dB in the
-mean, besides a constant, and the contrast makes that constant 0.4 dB. Photographs' own power falls
-with a slope of 2 (Field 1987, doi 10.1364/JOSAA.4.002379). That ranks designs badly: total
-variation restores edges better than a Gaussian model of the same power expects."""
+# Default model of scenes and of restoration. Measured with 38 designs and six scenes, which served
+# no other purpose: of slopes from 2 to 4 and ratios of excess and contrast from 1 to 12, one of the
+# best. The predicted mean PSNR of a design differs from that of `restore_spectra` by 0.13 dB in the
+# mean, besides a constant, and the contrast makes that constant 0.4 dB. Photographs' own power
+# falls with a slope of 2 (Field 1987, doi 10.1364/JOSAA.4.002379). That ranks designs badly: total
+# variation restores edges better than a Gaussian model of the same power expects.
+_SLOPE, _CONTRAST, _NOISE_EXCESS = 3.0, 0.5, 2.0
 
 _PERIOD = 128
 
@@ -98,11 +79,9 @@ class SceneSpectrum:
 
     Parameters
     ----------
-    slope : float
-        Power of the frequency by which the scene's power falls, above 0.
-    contrast : float
-        Standard deviation of the light over the picture, relative to its root mean square; above 0
-        and at most 1.
+    slope, contrast : float
+        Power of the frequency by which the scene's power falls, above 0; standard deviation of the
+        light over the picture, relative to its root mean square, above 0 and at most 1.
     """
 
     slope: float = _SLOPE
@@ -127,12 +106,10 @@ class PredictedErrors:
 
     Parameters
     ----------
-    rms : torch.Tensor, (bands,), float64
-        Root mean square error of each band, in the unit of the spectra.
-    filters_rms : torch.Tensor, (bands,), float64
-        The same for PSFs without any extent: what filters and typical spectra alone determine.
-    prior_rms : torch.Tensor, (bands,), float64
-        Standard deviation of each band over the scene, its error if nothing were measured.
+    rms, filters_rms, prior_rms : torch.Tensor, (bands,), float64
+        Root mean square error of each band, in the unit of the spectra; the same for PSFs without
+        any extent, which is what filters and typical spectra alone determine; and the band's
+        standard deviation over the scene, its error if nothing were measured.
     """
 
     rms: torch.Tensor
@@ -146,15 +123,13 @@ class PredictedErrors:
 
     @property
     def mean_psnr(self) -> float:
-        """Mean PSNR over the bands, in dB."""
         return float(self.psnr.mean())
 
     @property
     def separated_share(self) -> torch.Tensor:
         """Share of each band's variance that only the PSFs separate from other bands.
 
-        It is what filters and typical spectra leave unknown less what the PSFs leave. It is
-        negative where blur costs more than the dispersion separates.
+        It is negative where blur costs more than the dispersion separates.
         """
         return (self.filters_rms.square() - self.rms.square()) / self.prior_rms.square()
 
@@ -175,35 +150,28 @@ def predict_errors(
 ) -> PredictedErrors:
     """Predict the errors of bands that are restored from one photograph.
 
-    The prediction is the posterior covariance of a Gaussian scene, given the raw picture with white
-    noise. With a `noise_excess` of 1 it is the error of the best possible linear restoration, and
-    for Gaussian scenes of any; the default predicts that of `restore_spectra`. It is meant to
-    compare PSFs: a given scene may be several decibels off, but alike for all PSFs. What sharp
-    edges add to the separation of bands isn't in it: see `PsfMerit`.
-
-    The covariance is the power spectrum of `scene` times the second moments of `spectra`. The
-    mosaic couples as many frequencies as its pattern has pixels, so that the matrices are small.
-    Edges of the picture don't count: the scene repeats.
+    The prediction is the posterior covariance of a Gaussian scene that repeats, given the raw
+    picture with white noise. With a `noise_excess` of 1 it is the error of the best possible linear
+    restoration; the default predicts that of `restore_spectra`. It is meant to compare PSFs: a
+    given scene may be several decibels off, but alike for all PSFs. What sharp edges add to the
+    separation of bands isn't in it: see `PsfMerit`. The covariance is the power spectrum of `scene`
+    times the second moments of `spectra`. The mosaic couples as many frequencies as its pattern has
+    pixels, so that the matrices are small.
 
     Parameters
     ----------
     psfs : torch.Tensor or numpy.ndarray, (bands, rows, columns)
         PSF of each band, with its origin at n // 2.
-    response : torch.Tensor or numpy.ndarray, (channels, bands)
-        Share of each band that the filter of each letter transmits.
+    response, channels : torch.Tensor or numpy.ndarray, (channels, bands), str, default "RGB"
+        Share of each band that the filter of each letter transmits, and the letters in its order.
     pattern : sequence of str
         Rows of one letter per pixel that repeat, as ``("RG", "GB")``.
-    spectra : torch.Tensor or numpy.ndarray, (samples, bands)
-        Typical spectra of the scene; 1 is the peak of the predicted PSNR.
-    noise : float
-        Standard deviation of a pixel of the raw picture, above 0.
-    channels : str, default "RGB"
-        Letters of the channels, in the order of `response`.
-    scene : SceneSpectrum, optional
-        Power spectrum of the scene; a usual one if None.
-    noise_excess : float, default 2.0
-        Factor on the noise, by which a restoration that doesn't know the scene's spectrum is worse
-        than the best linear one; above 0.
+    spectra, noise : torch.Tensor or numpy.ndarray, (samples, bands), float
+        Typical spectra of the scene, where 1 is the peak of the predicted PSNR; standard deviation
+        of a pixel of the raw picture, above 0.
+    scene, noise_excess : SceneSpectrum, optional, and float, default 2.0
+        Power spectrum of the scene, and factor on the noise, above 0, by which a restoration that
+        doesn't know it is worse than the best linear one.
     period : int, default 128
         Rows and columns of the repeated scene, a multiple of the pattern's. It should exceed the
         PSFs, which are wrapped around it.
@@ -222,11 +190,13 @@ def predict_errors(
     ----------
     Kay 1993, Fundamentals of Statistical Signal Processing: Estimation Theory, section 12.5.
     """
-    require_unmasked(psfs, response, spectra)
-    stack, shares, samples = (
-        torch.as_tensor(one, dtype=torch.float64) for one in (psfs, response, spectra)
-    )
-    _require(stack, shares, samples, noise)
+    stack = as_finite_array("psfs", psfs, "(bands, rows, columns)")
+    shares = as_finite_array("response", response, "(channels, bands)")
+    samples = as_finite_array("spectra", spectra, "(samples, bands)")
+    counts = len(stack), shares.shape[1], samples.shape[1]
+    if len(set(counts)) > 1:
+        raise ValueError("psfs, response and spectra have {}, {} and {} bands".format(*counts))
+    require_positive("noise", noise, "")
     require_positive("noise_excess", noise_excess, "")
     rows, columns = len(pattern), len(pattern[0])
     require_count("period", period)
@@ -253,8 +223,8 @@ def _posterior_variance(
 ) -> torch.Tensor:
     """Compute the variance that is left of each band once the raw picture is known.
 
-    `filters` are those of one period of the pattern, (bands, rows, columns). For each group of
-    frequencies that the mosaic mixes, the posterior covariance is C - C Aᴴ (A C Aᴴ + noise²)⁻¹ A C.
+    For each group of frequencies that the mosaic mixes, the posterior covariance is
+    C - C Aᴴ (A C Aᴴ + noise²)⁻¹ A C.
     """
     forward = forward_matrices(psfs, filters, len(power))
     strength = group_frequencies(power[None], filters.shape[1:])[..., 0]
@@ -269,21 +239,3 @@ def _posterior_variance(
     known_power = known.sum((0, 1)).reshape(strength.shape[1], -1).sum(0) / power.numel()
     # Rounding may leave a band that is known exactly with a negative variance.
     return (covariance.diagonal() * power.mean() - known_power).clamp(min=0)
-
-
-def _require(
-    psfs: torch.Tensor, response: torch.Tensor, spectra: torch.Tensor, noise: float
-) -> None:
-    """Raise ValueError for arrays that aren't finite or don't fit, or noise that isn't positive."""
-    for name, value, axes in (
-        ("psfs", psfs, "(bands, rows, columns)"),
-        ("response", response, "(channels, bands)"),
-        ("spectra", spectra, "(samples, bands)"),
-    ):
-        require_finite(name, value)
-        if value.ndim != axes.count(",") + 1:
-            raise ValueError(f"{name} is {tuple(value.shape)}; give {axes}")
-    counts = len(psfs), response.shape[1], spectra.shape[1]
-    if len(set(counts)) > 1:
-        raise ValueError("psfs, response and spectra have {}, {} and {} bands".format(*counts))
-    require_positive("noise", noise, "")

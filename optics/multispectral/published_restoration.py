@@ -29,22 +29,14 @@ class PublishedObjective:
     a gradient has two components, the differences to the next row and to the next column, and
     ``|t|₁`` sums √(t² + ε²) - ε over components and pixels. Each pair of bands counts twice, since
     the sum over n ≠ i is over ordered pairs.
-
-    misfit: half the data term.
-    smoothness: α, weight of the squared gradients (Sobolev).
-    variation: β, weight of the absolute gradients (total variation), in the light's unit.
-    cross_channel: σ, weight of differences between two bands' hues.
-    smoothing: ε, size below which an absolute value is rounded; in the light's unit for gradients,
-        and in its square for hues.
-    periodic: whether opposite edges of the scene are neighbours.
     """
 
-    misfit: Misfit
-    smoothness: float
-    variation: float
-    cross_channel: float
-    smoothing: float
-    periodic: bool
+    misfit: Misfit  # half the data term
+    smoothness: float  # α, of the squared gradients (Sobolev)
+    variation: float  # β, of the absolute gradients (total variation), in the light's unit
+    cross_channel: float  # σ, of differences between two bands' hues
+    smoothing: float  # ε, in the light's unit for gradients, and in its square for hues
+    periodic: bool  # whether opposite edges of the scene are neighbours
 
     def __call__(self, x: torch.Tensor) -> ValueAndGradient:
         half, slope = self.misfit(x)
@@ -70,48 +62,32 @@ class PublishedObjective:
         return value, differences_adjoint(*pulls)
 
     def _between_bands(self, x: torch.Tensor) -> ValueAndGradient:
-        """Compute the prior on each pair of bands, and its gradient (Eq. 4.6)."""
+        """Compute the prior on each pair of bands, and its gradient (Eq. 4.6).
+
+        With the neighbours x' of the pixels x, ∇x_n x_i - ∇x_i x_n is x'_n x_i - x'_i x_n. The
+        gradient by x is collected in `own`, and that by x' in `others`.
+        """
         value = x.new_zeros((), dtype=torch.float64)
         gradient = torch.zeros_like(x)
         for dim in (-2, -1):
-            next_x = self._neighbours(x, dim)
+            next_x = x.roll(-1, dim)
+            if not self.periodic:
+                # The last pixels have no other neighbour than themselves.
+                last = x.shape[dim] - 1
+                next_x.narrow(dim, last, 1).copy_(x.narrow(dim, last, 1))
             own, others = torch.zeros_like(x), torch.zeros_like(x)
             for n in range(len(x) - 1):
-                value += self._pairs_with(n, x, next_x, own, others)
+                later, next_later = x[n + 1 :], next_x[n + 1 :]
+                hue = torch.addcmul(later * next_x[n], next_later, x[n], value=-1)
+                lengths = hue.square().add_(self.smoothing**2).sqrt_()
+                value += _excess(lengths, self.smoothing)
+                pull = hue.div_(lengths)
+                own[n + 1 :].addcmul_(pull, next_x[n])
+                others[n + 1 :].addcmul_(pull, x[n], value=-1)
+                own[n].sub_((pull * next_later).sum(0))
+                others[n].add_((pull * later).sum(0))
             gradient.add_(own).add_(others.roll(1, dim))
         return 2 * self.cross_channel * value, gradient.mul_(2 * self.cross_channel)
-
-    def _pairs_with(
-        self,
-        n: int,
-        x: torch.Tensor,
-        next_x: torch.Tensor,
-        own: torch.Tensor,
-        others: torch.Tensor,
-    ) -> torch.Tensor:
-        """Compute the prior on band n and all later bands, and add its gradient.
-
-        With the neighbours x' of the pixels x, ∇x_n x_i - ∇x_i x_n is x'_n x_i - x'_i x_n. The
-        gradient by x is added to `own`, and that by x' to `others`.
-        """
-        later, next_later = x[n + 1 :], next_x[n + 1 :]
-        hue = torch.addcmul(later * next_x[n], next_later, x[n], value=-1)
-        lengths = hue.square().add_(self.smoothing**2).sqrt_()
-        value = _excess(lengths, self.smoothing)
-        pull = hue.div_(lengths)
-        own[n + 1 :].addcmul_(pull, next_x[n])
-        others[n + 1 :].addcmul_(pull, x[n], value=-1)
-        own[n].sub_((pull * next_later).sum(0))
-        others[n].add_((pull * later).sum(0))
-        return value
-
-    def _neighbours(self, x: torch.Tensor, dim: int) -> torch.Tensor:
-        """Return the next pixel of each pixel along an axis; itself where there is none."""
-        moved = x.roll(-1, dim)
-        if not self.periodic:
-            last = x.shape[dim] - 1
-            moved.narrow(dim, last, 1).copy_(x.narrow(dim, last, 1))
-        return moved
 
 
 def _excess(lengths: torch.Tensor, smoothing: float) -> torch.Tensor:
@@ -119,14 +95,11 @@ def _excess(lengths: torch.Tensor, smoothing: float) -> torch.Tensor:
     return lengths.sum(dtype=torch.float64) - smoothing * lengths.numel()
 
 
-_VARIATION = 5e-5
-_CROSS_CHANNEL = 1e-4
-_SMOOTHING = 3e-3
-"""Default weights and rounding, relative to white. Measured: of 25 settings, the best mean PSNR of
-three scenes of 11 and 24 bands after 300 iterations, with ring PSFs and without noise."""
+# Default weights and rounding, relative to white. Measured: of 25 settings, the best mean PSNR of
+# three scenes of 11 and 24 bands after 300 iterations, with ring PSFs and without noise.
+_VARIATION, _CROSS_CHANNEL, _SMOOTHING = 5e-5, 1e-4, 3e-3
 
-_MEMORY = 10
-"""Number of past steps from which L-BFGS-B estimates curvature. 25 were no better: 0.03 dB."""
+_MEMORY = 10  # past steps from which L-BFGS-B estimates curvature; 25 were no better: 0.03 dB
 
 
 @single_threaded
@@ -154,21 +127,17 @@ def restore_by_published_objective(
     ----------
     observation : MosaicObservation
         The raw picture with its filters and PSFs: see `build_mosaic_observation`.
-    smoothness : float, default 0.0
-        Weight α of the squared gradients, 0 or more.
-    variation : float, default 5e-5
-        Weight β of the absolute gradients, 0 or more, for light in units of `white`.
+    smoothness, variation : float, default 0.0, 5e-5
+        Weights α of the squared and β of the absolute gradients, 0 or more, for light in units of
+        `white`.
     cross_channel : float, default 1e-4
         Weight σ of differences between the hues of neighbouring pixels, 0 or more.
-    smoothing : float, default 3e-3
-        Size ε at which absolute values are rounded, in units of `white`, above 0.
-    white : float, default 1.0
-        Largest light of the scene, in the raw picture's unit.
-    iterations : int, default 300
-        Largest number of iterations.
-    tol : float, default 1e-6
-        Largest entry of the projected gradient, for light in units of `white`, at which the search
-        ends.
+    smoothing, white : float, default 3e-3, 1.0
+        Size ε at which absolute values are rounded, in units of `white`, above 0; and largest light
+        of the scene, in the raw picture's unit.
+    iterations, tol : int, float, default 300, 1e-6
+        Largest number of iterations, and largest entry of the projected gradient, for light in
+        units of `white`, at which the search ends.
     progress : Progress, optional
         Receives reports, and can cancel the work.
 
@@ -187,7 +156,12 @@ def restore_by_published_objective(
     Thesis Eq. 4.3-4.6; Heide et al. 2013, doi 10.1145/2516971.2516974; Byrd et al. 1995, doi
     10.1137/0916069.
     """
-    _require(observation, smoothness, variation, cross_channel)
+    weights = {"smoothness": smoothness, "variation": variation, "cross_channel": cross_channel}
+    for name, weight in weights.items():
+        if not (weight >= 0 and math.isfinite(weight)):
+            raise ValueError(f"{name} is {weight:g}; give 0 or more")
+    if observation.bands < 2:
+        raise ValueError("the scene has one band; the published objective compares bands: give 2")
     for name, value in (("smoothing", smoothing), ("white", white), ("tol", tol)):
         require_positive(name, value, "")
     require_count("iterations", iterations)
@@ -202,8 +176,10 @@ def restore_by_published_objective(
     start = (observation.crop_to_frame(start) if inside else start) / white
     found = _minimise(objective, start.clamp(0, 1), iterations, tol, progress)
     scene = torch.from_numpy(found.x).to(start).reshape(start.shape)
-    left = math.sqrt(_mean_squared_residual(observation, forward(scene) * white))
-    scene = scene * white
+    squares = (forward(scene) * white - observation.image).square()
+    trust = observation.effective_weights
+    mean = squares.mean() if trust is None else (squares * trust).sum() / (trust > 0).sum()
+    left, scene = math.sqrt(float(mean)), scene * white
     restored = RestoredImage(
         scene if inside else observation.crop_to_frame(scene),
         "L-BFGS-B, published objective",
@@ -218,21 +194,8 @@ def restore_by_published_objective(
     return restored.to_numpy() if observation.is_numpy else restored
 
 
-def _require(observation: MosaicObservation, *weights: float) -> None:
-    """Raise ValueError for a weight that's negative or infinite, or for a scene of one band."""
-    names = ("smoothness", "variation", "cross_channel")
-    for name, weight in zip(names, weights, strict=True):
-        if not (weight >= 0 and math.isfinite(weight)):
-            raise ValueError(f"{name} is {weight:g}; give 0 or more")
-    if observation.bands < 2:
-        raise ValueError("the scene has one band; the published objective compares bands: give 2")
-
-
 def _forward_operator(observation: MosaicObservation) -> Operator:
-    """Return the operator from a scene's bands to the raw picture (Eq. 4.1).
-
-    Its domain is the frame where the border is dark, and else the period.
-    """
+    """Return the operator from a scene's bands, of frame or period, to the picture (Eq. 4.1)."""
     period = observation.period_shape
     psfs = observation.psfs.expand(observation.bands, -1, -1)
     frame = CentredCrop(period, observation.image.shape, (observation.bands,))
@@ -247,10 +210,7 @@ def _minimise(
     tol: float,
     progress: Progress,
 ) -> OptimizeResult:
-    """Minimise an objective within 0 and 1 by L-BFGS-B, from a first picture of the bands.
-
-    Pictures have the type of `start`; L-BFGS-B's own vectors are in double precision.
-    """
+    """Minimise an objective within 0 and 1 by L-BFGS-B, whose vectors are in double precision."""
     done = 0
 
     def evaluate(flat: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -273,12 +233,3 @@ def _minimise(
         options={"maxiter": iterations, "maxfun": 20 * iterations, "maxcor": _MEMORY,
                  "ftol": 0.0, "gtol": tol, "maxls": 40},
     )  # fmt: skip
-
-
-def _mean_squared_residual(observation: MosaicObservation, light: torch.Tensor) -> float:
-    """Compute the mean squared difference of raw picture and light, over pixels with a weight."""
-    squares = (light - observation.image).square()
-    trust = observation.effective_weights
-    if trust is None:
-        return float(squares.mean())
-    return float((squares * trust).sum() / (trust > 0).sum())

@@ -12,11 +12,8 @@ import torch
 from optics.multispectral.snapshot_model import ModelUncertainty, SnapshotModel
 from optics.validation import require_finite, require_unmasked
 
-NINETY_PERCENT = 1.6449
-"""Half-width of a normal variable's 90 % interval, in standard deviations."""
-
-_SHIFT_STEPS = 20
-"""Iterations of the shift that most bands have in common; more change less than 1e-6 pixels."""
+NINETY_PERCENT = 1.6449  # half-width of a normal variable's 90 % interval, in standard deviations
+_SHIFT_STEPS = 20  # of the shift that most bands share; more change less than 1e-6 pixels
 
 _NO_GAINS = (
     "Each band's overall gain: a brighter band and a more sensitive camera give the same "
@@ -34,10 +31,9 @@ class BandTransmission:
 
     Parameters
     ----------
-    values : torch.Tensor or numpy.ndarray, (bands,)
-        Transmission of each band relative to the nominal response, above 0.
-    deviations : torch.Tensor or numpy.ndarray, (bands,)
-        Its standard deviation, in the same unit, 0 or more.
+    values, deviations : torch.Tensor or numpy.ndarray, (bands,)
+        Transmission of each band relative to the nominal response, above 0, and its standard
+        deviation, 0 or more.
 
     Raises
     ------
@@ -69,14 +65,10 @@ class CalibratedParameter:
 
     Attributes
     ----------
-    name : str
-        What it is, in words.
-    unit : str
-        "pixel", or nothing for shares and ratios.
-    value, nominal : float
-        The estimate, and what the nominal model has.
-    deviation : float
-        Standard deviation.
+    name, unit : str
+        What it is, in words; "pixel", or nothing for shares and ratios.
+    value, nominal, deviation : float
+        The estimate, what the nominal model has, and the standard deviation.
     lower, upper : float
         Ends of the 90 % interval.
     """
@@ -101,14 +93,12 @@ class SnapshotCalibration:
     ----------
     model : SnapshotModel
         The nominal model with its parameters.
-    deviation : torch.Tensor, (parameters,), float64
-        Estimated deviation of each parameter from nominal: see ParameterLayout.
-    covariance : torch.Tensor, (parameters, parameters), float64
-        Covariance of the errors of `deviation`, with the shift of all bands together.
-    transmission : BandTransmission, optional
-        Transmission of each band. Each band's gain is indeterminate if None.
-    source : str
-        What the estimates come from, in words.
+    deviation, covariance : torch.Tensor, (parameters,) and (parameters, parameters), float64
+        Estimated deviation of each parameter from nominal (see ParameterLayout), and covariance of
+        its errors, with the shift of all bands together.
+    transmission, source : BandTransmission, optional, and str
+        Transmission of each band, whose gains are indeterminate if None; what the estimates come
+        from, in words.
     """
 
     model: SnapshotModel
@@ -126,24 +116,8 @@ class SnapshotCalibration:
     ) -> SnapshotCalibration:
         """Return what is known of a camera before any calibration.
 
-        Parameters
-        ----------
-        model : SnapshotModel
-            The nominal model.
-        uncertainty : ModelUncertainty, optional
-            How well it is known. The default values if None.
-        transmission : BandTransmission, optional
-            The bands' transmission as measured. Indeterminate if None.
-
-        Returns
-        -------
-        SnapshotCalibration
-            The nominal parameters with their uncertainty.
-
-        Raises
-        ------
-        ValueError
-            For a transmission of another number of bands.
+        `uncertainty` is that of the nominal model, and `transmission` the bands' as measured.
+        Raises ValueError for a transmission of another number of bands.
         """
         if transmission is not None and len(transmission.values) != model.bands:
             raise ValueError(
@@ -156,7 +130,6 @@ class SnapshotCalibration:
     def with_estimates(
         self, deviation: torch.Tensor, covariance: torch.Tensor, source: str
     ) -> SnapshotCalibration:
-        """Return the calibration with other estimates from `source`."""
         return replace(self, deviation=deviation, covariance=covariance, source=source)
 
     @cached_property
@@ -183,17 +156,9 @@ class SnapshotCalibration:
         return layout.shift_removal(shares)
 
     def remove_common_shift(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Take off deviations the shift that this calibration calls common.
+        """Take off deviations from nominal the shift that this calibration calls common.
 
-        Parameters
-        ----------
-        deviation : torch.Tensor, (parameters,), float64
-            Deviations from nominal, for instance the true ones of a simulated camera.
-
-        Returns
-        -------
-        torch.Tensor, (parameters,), float64
-            Deviations to compare with `relative_deviation`.
+        True ones of a simulated camera can then be compared with `relative_deviation`.
         """
         return self._shift_removal @ deviation
 
@@ -204,7 +169,6 @@ class SnapshotCalibration:
 
     @property
     def relative_covariance(self) -> torch.Tensor:
-        """Covariance of `relative_deviation`."""
         return self._shift_removal @ self.covariance @ self._shift_removal.mT
 
     @property
@@ -226,50 +190,43 @@ class SnapshotCalibration:
     @property
     def parameters(self) -> tuple[CalibratedParameter, ...]:
         """All parameters with standard deviations and 90 % intervals."""
-        model, layout = self.model, self.model.layout
-        found = self.relative_deviation
-        spread = self.relative_covariance.diagonal().clamp(min=0).sqrt()
-        listed = []
-        for band in range(model.bands):
-            place, share = layout.zeroth_orders.start + band, float(model.zeroth_order[band])
-            name = f"zeroth order's share of band {band}"
-            listed.append(_additive(name, "", share, found[place], spread[place]))
-        scale = layout.scale
-        listed.append(_additive("size of the coded PSFs", "", 1.0, found[scale], spread[scale]))
-        for axis, letter in enumerate("yx"):
-            for band in range(model.bands):
-                place = layout.centres.start + axis * model.bands + band
-                name = f"centre {letter} of band {band}"
-                listed.append(_additive(name, "pixel", 0.0, found[place], spread[place]))
-        for number, channels in enumerate(model.others):
-            for band, channel in enumerate(channels.tolist()):
-                place = layout.log_ratios.start + number * model.bands + band
-                listed.append(self._ratio(band, channel, found[place], spread[place]))
-        return (*listed, *self._gains())
+        model, found = self.model, self.relative_deviation
+        spread, bands = self.relative_covariance.diagonal().clamp(min=0).sqrt(), range(model.bands)
+        shares = model.zeroth_order.tolist()
+        additive = [
+            *((f"zeroth order's share of band {n}", "", shares[n]) for n in bands),
+            ("size of the coded PSFs", "", 1.0),
+            *((f"centre {letter} of band {n}", "pixel", 0.0) for letter in "yx" for n in bands),
+        ]
+        first = model.layout.log_ratios.start
+        listed = [
+            _additive(*one, change, deviation)
+            for one, change, deviation in zip(additive, found[:first], spread[:first], strict=True)
+        ]
+        ratios = [
+            (n, int(channel)) for channels in model.others for n, channel in enumerate(channels)
+        ]
+        for one, change, deviation in zip(ratios, found[first:], spread[first:], strict=True):
+            listed.append(self._ratio(*one, change, deviation))
+        if self.transmission is not None:
+            known = zip(self.transmission.values, self.transmission.deviations, strict=True)
+            for band, (value, deviation) in enumerate(known):
+                name = f"transmission of band {band}"
+                listed.append(_additive(name, "", 1.0, value - 1, deviation))
+        return tuple(listed)
 
     def _ratio(
         self, band: int, channel: int, log: torch.Tensor, spread: torch.Tensor
     ) -> CalibratedParameter:
         """Return a ratio of two channels' responses, whose logarithm is estimated."""
         letters, first = self.model.channels, int(self.model.strongest[band])
-        response = self.model.response
-        nominal = float(response[channel, band] / response[first, band])
+        nominal = float(self.model.response[channel, band] / self.model.response[first, band])
         value, deviation = nominal * math.exp(float(log)), float(spread)
         half = math.exp(NINETY_PERCENT * deviation)
         name = f"{letters[channel]}/{letters[first]} of band {band}"
         return CalibratedParameter(
             name, "", value, nominal, value * deviation, value / half, value * half
         )
-
-    def _gains(self) -> list[CalibratedParameter]:
-        """Return the bands' transmissions as parameters, if they are known."""
-        if self.transmission is None:
-            return []
-        known = zip(self.transmission.values, self.transmission.deviations, strict=True)
-        return [
-            _additive(f"transmission of band {band}", "", 1.0, value - 1, deviation)
-            for band, (value, deviation) in enumerate(known)
-        ]
 
 
 def _additive(

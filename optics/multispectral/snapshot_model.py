@@ -13,7 +13,7 @@ import torch
 
 from optics.inverse import filter_weights
 from optics.inverse.observation import require_psf
-from optics.validation import require_finite, require_positive, require_unmasked
+from optics.validation import as_finite_array, require_positive
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,8 @@ class ModelUncertainty:
 
     Parameters
     ----------
-    zeroth_order : float, default 0.05
-        Of the zeroth order's share, an error that all bands have in common.
-    zeroth_order_of_band : float, default 0.015
-        Of the zeroth order's share, an error of each band on its own.
+    zeroth_order, zeroth_order_of_band : float, default 0.05, 0.015
+        Of the zeroth order's share, an error that all bands have in common, and of each by itself.
     scale : float, default 0.01
         Of the common size of all coded PSFs, relative.
     centre : float, default 0.5
@@ -56,9 +54,7 @@ class ParameterLayout:
 
     The vector holds the zeroth order's share of each band, the relative size of all coded PSFs, the
     centres' y and then x of each band in pixels, and the natural logarithms of each band's response
-    of each other channel over that of its strongest channel.
-
-    ratios: number of ratios of each band: that of the channels less 1.
+    of each other channel over that of its strongest channel: `ratios` of them for each band.
     """
 
     bands: int
@@ -66,27 +62,22 @@ class ParameterLayout:
 
     @property
     def count(self) -> int:
-        """Number of parameters."""
         return (3 + self.ratios) * self.bands + 1
 
     @property
     def zeroth_orders(self) -> slice:
-        """Places of the zeroth orders' shares."""
         return slice(0, self.bands)
 
     @property
     def scale(self) -> int:
-        """Place of the coded PSFs' relative size."""
         return self.bands
 
     @property
     def centres(self) -> slice:
-        """Places of the PSFs' centres: all y, then all x."""
         return slice(self.bands + 1, 3 * self.bands + 1)
 
     @property
     def log_ratios(self) -> slice:
-        """Places of the logarithms of the response's ratios."""
         return slice(3 * self.bands + 1, self.count)
 
     @cached_property
@@ -96,15 +87,13 @@ class ParameterLayout:
         The rows are zeroth order, size of the coded PSF, centre's y and centre's x.
         """
         band = torch.arange(self.bands)
-        first = self.centres.start
-        scale = torch.full_like(band, self.scale)
-        return torch.stack([band, scale, first + band, first + self.bands + band])
+        y = self.centres.start + band
+        return torch.stack([band, torch.full_like(band, self.scale), y, y + self.bands])
 
     @cached_property
     def ratio_places(self) -> torch.Tensor:
         """Places of the response's ratios, (ratios, bands)."""
-        every = torch.arange(self.log_ratios.start, self.log_ratios.stop)
-        return every.reshape(self.ratios, self.bands)
+        return torch.arange(self.log_ratios.start, self.count).reshape(self.ratios, self.bands)
 
     def prior_covariance(self, uncertainty: ModelUncertainty) -> torch.Tensor:
         """Return the covariance of the nominal parameters, (count, count), float64.
@@ -124,15 +113,6 @@ class ParameterLayout:
         covariance[ratios, ratios] = uncertainty.response**2 * torch.kron(shared + own, one)
         return covariance
 
-    @cached_property
-    def common_shifts(self) -> torch.Tensor:
-        """Shifts of all PSF centres together along y and along x, (2, count), float64."""
-        shifts = torch.zeros(2, self.count, dtype=torch.float64)
-        first = self.centres.start
-        for axis in (0, 1):
-            shifts[axis, first + axis * self.bands : first + (axis + 1) * self.bands] = 1
-        return shifts
-
     def shift_removal(self, shares: Sequence[torch.Tensor]) -> torch.Tensor:
         """Return the matrix that takes the common shift off, (count, count).
 
@@ -140,9 +120,9 @@ class ParameterLayout:
         along x; each sums to 1.
         """
         matrix = torch.eye(self.count, dtype=torch.float64)
-        for axis, (share, shift) in enumerate(zip(shares, self.common_shifts, strict=True)):
+        for axis, share in enumerate(shares):
             first = self.centres.start + axis * self.bands
-            matrix[:, first : first + self.bands] -= torch.outer(shift, share)
+            matrix[first : first + self.bands, first : first + self.bands] -= share
         return matrix
 
 
@@ -151,37 +131,26 @@ def move_psf(
 ) -> torch.Tensor:
     """Scale and move a PSF by cubic B-splines, differentiably in `scale` and `centre`.
 
+    `psf` is (rows, columns), float64, with its origin at n // 2, and `centre` is the place (y, x)
+    of the result's origin relative to the middle pixel. The result is `margin` pixels larger on
+    every side. Its sum is that of `psf`, unless light leaves the array.
+
     Of PSFs that are sharper than the sampling theorem asks for, as measured ones are, cubic splines
     shift the pixels' light more exactly than phases of the spectrum: with a ring or peak of a
     Gaussian profile of 0.5 or 0.6 pixels, integrated over pixels, the measured relative error is 5
     or 3 % instead of 15 or 7 %. See M. Unser, "Splines: a perfect fit for signal and image
     processing", 1999, doi 10.1109/79.799930.
-
-    The result is (rows + 2 margin, columns + 2 margin), float64. Its sum is that of `psf`, unless
-    light leaves the array.
-
-    psf: (rows, columns), float64, with its origin at n // 2.
-    scale: size of the result over that of `psf`, above 0.
-    centre: place (y, x) of the result's origin relative to the middle pixel, in pixels.
-    margin: number of pixels by which the result is larger on every side, 0 or more.
     """
-    down = _spline_matrix(psf.shape[0], margin, scale, centre[0])
-    along = _spline_matrix(psf.shape[1], margin, scale, centre[1])
-    return down @ psf @ along.mT
 
+    def axis_matrix(length: int, shift: torch.Tensor) -> torch.Tensor:
+        knots = torch.arange(length, dtype=torch.float64) - length // 2
+        pixels = torch.arange(length + 2 * margin, dtype=torch.float64) - length // 2 - margin
+        places = (pixels - shift) / scale
+        # The light per pixel falls as the PSF grows, once for each axis.
+        return _cubic_spline(places[:, None] - knots) @ _coefficient_matrix(length) / scale
 
-def _spline_matrix(
-    length: int, margin: int, scale: torch.Tensor | float, shift: torch.Tensor
-) -> torch.Tensor:
-    """Return the matrix that stretches and shifts one axis by cubic B-splines.
-
-    It is (length + 2 margin, length); index n // 2 is the origin on both axes.
-    """
-    knots = torch.arange(length, dtype=torch.float64) - length // 2
-    pixels = torch.arange(length + 2 * margin, dtype=torch.float64) - length // 2 - margin
-    places = (pixels - shift) / scale
-    # The light per pixel falls as the PSF grows, once for each axis.
-    return _cubic_spline(places[:, None] - knots) @ _coefficient_matrix(length) / scale
+    rows, columns = psf.shape
+    return axis_matrix(rows, centre[0]) @ psf @ axis_matrix(columns, centre[1]).mT
 
 
 @functools.lru_cache(maxsize=16)
@@ -198,9 +167,9 @@ def _cubic_spline(distance: torch.Tensor) -> torch.Tensor:
     return torch.where(far < 1, near, (2 - far).clamp(min=0) ** 3 / 6)
 
 
+# Pixels, and share of half a side, by which modelled PSFs are larger than the nominal ones on every
+# side: room for shifts and for growth by a few percent.
 _MARGIN, _MARGIN_SHARE = 2, 0.03
-"""Pixels, and share of half a side, by which modelled PSFs are larger than the nominal ones on
-every side: room for shifts and for growth by a few percent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,22 +180,18 @@ class SnapshotModel:
     p_n, which is that without a pattern, and the coded PSF q_n. Both are moved to the band's
     centre, and the coded PSFs are stretched by a common scale. A band's response keeps its sum over
     the channels, while the ratios between the channels vary. `create` makes a model of arrays of
-    any kind.
+    any kind, and describes them; here all are float64.
 
     Attributes
     ----------
-    coded : torch.Tensor, (bands, rows, columns), float64
-        Coded part of the PSF of each band, origin at n // 2, with a sum of 1.
-    neutral : torch.Tensor, (bands, rows, columns), float64
-        Neutral PSF of each band, with a sum of 1.
-    zeroth_order : torch.Tensor, (bands,), float64
-        Nominal share of the zeroth order, 0 to 1.
-    response : torch.Tensor, (channels, bands), float64
-        Nominal response of each channel to each band, positive.
-    pattern : tuple of str
-        Rows of one letter per pixel, as ``("RG", "GB")``.
-    channels : str
-        Letters of the channels, in the order of `response`.
+    coded, neutral : torch.Tensor, (bands, rows, columns)
+        Coded part of the PSF of each band, and its neutral PSF, each with a sum of 1.
+    zeroth_order : torch.Tensor, (bands,)
+        Nominal share of the zeroth order.
+    response : torch.Tensor, (channels, bands)
+        Nominal response of each channel to each band.
+    pattern, channels : tuple of str, str
+        Rows of one letter per pixel that repeat; the channels' letters in the response's order.
     """
 
     coded: torch.Tensor
@@ -260,10 +225,8 @@ class SnapshotModel:
             to less than 1.
         neutral : torch.Tensor or numpy.ndarray, (bands, rows, columns), optional
             PSF of each band without a pattern. The middle pixel alone if None.
-        pattern : sequence of str, default ("RG", "GB")
-            Rows of one letter per pixel that repeat from the first pixel on.
-        channels : str, default "RGB"
-            Letters of the channels.
+        pattern, channels : sequence of str, str, default ("RG", "GB"), "RGB"
+            Rows of one letter per pixel that repeat from the first pixel on; the channels' letters.
 
         Returns
         -------
@@ -273,11 +236,10 @@ class SnapshotModel:
         Raises
         ------
         ValueError
-            For shapes that don't fit, values that aren't finite, a response that isn't positive, or
-            a zeroth order outside 0 to 1.
+            For shapes that don't fit, or values that aren't finite or in their range.
         """
-        whole = _as_double("psfs", psfs, 3)
-        shares = _as_double("response", response, 2)
+        whole = as_finite_array("psfs", psfs, "(bands, rows, columns)")
+        shares = as_finite_array("response", response, "(channels, bands)")
         bands = len(whole)
         if shares.shape != (len(channels), bands) or len(channels) < 2:
             raise ValueError(
@@ -298,42 +260,26 @@ class SnapshotModel:
             point = torch.zeros_like(whole)
             point[:, whole.shape[1] // 2, whole.shape[2] // 2] = 1
         else:
-            point = _as_double("neutral", neutral, 3)
+            point = as_finite_array("neutral", neutral, "(bands, rows, columns)")
         if point.shape != whole.shape:
             raise ValueError(
                 f"neutral is {tuple(point.shape)} and psfs {tuple(whole.shape)}; they must be alike"
             )
         for one in (*whole, *point):
             require_psf(one)
-        return cls._of_parts(whole, point, order.expand(bands), shares, tuple(pattern), channels)
-
-    @classmethod
-    def _of_parts(
-        cls,
-        whole: torch.Tensor,
-        neutral: torch.Tensor,
-        order: torch.Tensor,
-        response: torch.Tensor,
-        pattern: tuple[str, ...],
-        channels: str,
-    ) -> SnapshotModel:
-        """Take the zeroth order off PSFs of any sum, and gather a model of the rest."""
-        whole, neutral = (one / one.sum((1, 2), keepdim=True) for one in (whole, neutral))
-        share = order[:, None, None]
+        whole, point = (one / one.sum((1, 2), keepdim=True) for one in (whole, point))
+        order = order.expand(bands)
+        coded = (whole - order[:, None, None] * point) / (1 - order[:, None, None])
         # This raises for a pattern with other letters than the channels'.
-        filter_weights(pattern, response, channels, (len(pattern), len(pattern[0])))
-        return cls(
-            (whole - share * neutral) / (1 - share), neutral, order, response, pattern, channels
-        )
+        filter_weights(pattern, shares, channels, (len(pattern), len(pattern[0])))
+        return cls(coded, point, order, shares, tuple(pattern), channels)
 
     @property
     def bands(self) -> int:
-        """Number of spectral bands."""
         return len(self.coded)
 
     @cached_property
     def layout(self) -> ParameterLayout:
-        """Layout of the vector of deviations from nominal."""
         return ParameterLayout(self.bands, len(self.response) - 1)
 
     @property
@@ -353,22 +299,14 @@ class SnapshotModel:
         return torch.stack([every[every != one] for one in self.strongest]).mT
 
     def psfs(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Compute the PSFs for a vector of deviations from nominal.
+        """Compute the PSFs for a vector of deviations from nominal, (layout.count,), float64.
 
-        Parameters
-        ----------
-        deviation : torch.Tensor, (layout.count,), float64
-            See ParameterLayout.
-
-        Returns
-        -------
-        torch.Tensor, (bands, rows + 2 margin, columns + 2 margin), float64
-            PSF of each band, differentiable in `deviation`.
+        The result is (bands, rows + 2 margin, columns + 2 margin), float64, and differentiable.
         """
         return self._psfs_of_bands(deviation[self.layout.band_places])
 
     def _psfs_of_bands(self, deviations: torch.Tensor) -> torch.Tensor:
-        """Compute the PSFs for each band's own deviations, (4, bands)."""
+        """Compute the PSFs for each band's own deviations, those of band_places."""
         stack = []
         for band, (order, growth, y, x) in enumerate(deviations.mT):
             centre, share = torch.stack([y, x]), self.zeroth_order[band] + order
@@ -416,23 +354,8 @@ class SnapshotModel:
 
     def filters(self, response: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
         """Return the share of each band that each pixel transmits, (bands, rows, columns)."""
-        weights: torch.Tensor = filter_weights(self.pattern, response, self.channels, shape)
-        return weights
+        return filter_weights(self.pattern, response, self.channels, shape)
 
     def channel_masks(self, shape: Sequence[int]) -> torch.Tensor:
-        """Return 1 where pixels have each channel's filter, else 0.
-
-        The result is (channels, rows, columns), float64.
-        """
+        """Return 1 where pixels have each channel's filter, else 0; (channels, rows, columns)."""
         return self.filters(torch.eye(len(self.response), dtype=torch.float64), shape)
-
-
-def _as_double(name: str, value: Any, axes: int) -> torch.Tensor:
-    """Return a finite array with so many axes in double precision, or raise ValueError."""
-    require_unmasked(value)
-    tensor = torch.as_tensor(value).detach().to(torch.float64)
-    require_finite(name, tensor)
-    if tensor.ndim != axes:
-        wanted = "(bands, rows, columns)" if axes == 3 else "(channels, bands)"
-        raise ValueError(f"{name} is {tuple(tensor.shape)}; give {wanted}")
-    return tensor

@@ -10,9 +10,8 @@ from optics.sensor.pixel_integration import (
     pixel_transfer,
     sample_pixels,
 )
-from optics.sensor.readout import sensor_as_read
+from optics.sensor.readout import row_starts, sensor_as_read
 from optics.sensor.sensor import Mosaic
-from optics.sensor.shutter import row_starts
 from optics.sensor.stages import FixedPattern, ShotNoise, Stages, fixed_pattern, has_fixed_pattern
 
 __all__ = [

@@ -10,12 +10,11 @@ from optics.sensor.sensor import Sensor
 from optics.sensor.stages import FEW_ELECTRONS, Stages, collect_electrons
 from optics.validation import require_finite, require_positive
 
+# Light, in full wells, at which expected electrons are cut off. More light makes no difference, and
+# would overflow the generator of Poisson's distribution.
 _MAX_FULL_WELLS = 4.0
-"""Light, in full wells, at which expected electrons are cut off. More light makes no difference,
-and would overflow the generator of Poisson's distribution."""
 
-_ROUNDING_VARIANCE = 1 / 12
-"""Variance that rounding to whole electrons adds to a normal draw (Sheppard)."""
+_ROUNDING_VARIANCE = 1 / 12  # that rounding to whole electrons adds to a normal draw (Sheppard)
 
 
 def expose(
@@ -35,14 +34,10 @@ def expose(
 
     Parameters
     ----------
-    rate : torch.Tensor, (rows, columns)
-        Photo-electrons per second and pixel. A negative rate counts as dark.
-    exposure : float
-        Exposure time in seconds.
-    sensor : Sensor
-        The sensor.
-    generator : torch.Generator
-        Source of all random numbers.
+    rate, exposure : torch.Tensor, (rows, columns), float
+        Photo-electrons per second and pixel, dark if negative; exposure time in seconds.
+    sensor, generator : Sensor, torch.Generator
+        The sensor, and the source of all random numbers.
     shot_noise, read_noise, dark_current : bool, default True
         Whether that stage is simulated.
 
@@ -82,14 +77,11 @@ def sample_frame(
 
     Parameters
     ----------
-    electrons : torch.Tensor, (rows, columns)
-        Electrons expected from light on each pixel over the exposure. Negative ones count as none.
-    exposure : float
-        Exposure time in seconds.
-    sensor : Sensor
-        The sensor. If its pixels differ, `electrons` must cover the whole sensor.
-    generator : torch.Generator
-        Source of all random numbers.
+    electrons, exposure : torch.Tensor, (rows, columns), float
+        Electrons expected from light on each pixel over the exposure, none if negative; exposure
+        time in seconds.
+    sensor, generator : Sensor, torch.Generator
+        The sensor, which `electrons` must cover if its pixels differ; source of all random numbers.
     **switches : bool or str
         Which stages are simulated: the fields of `Stages`.
 
@@ -115,7 +107,12 @@ def sample_frame(
     counted = counted + held.offset
     if stages.read_noise and sensor.read_noise:
         counted = counted + sensor.read_noise * _normal(mean, generator)
-    return _digitise(counted, sensor, stages)
+    number = counted / sensor.gain + sensor.black_level
+    if stages.quantisation:
+        number = torch.round(number)
+    if stages.clipping:
+        number = number.clamp(0, sensor.top_number)
+    return number.to(torch.int32) if stages.quantisation else number
 
 
 def electrons_from_normal(
@@ -123,12 +120,11 @@ def electrons_from_normal(
 ) -> torch.Tensor:
     """Convert standard normal numbers to shot noise: whole electrons around a mean.
 
-    mean: expected electrons, FEW_ELECTRONS or more. noise: standard normal numbers of the same
-    shape. With "Gaussian", mean and variance are Poisson's, and the distribution differs by
-    0.07/√mean (Kolmogorov). With "skewed", the third and fourth moments are corrected too, which
-    leaves a difference of 3e-4 at ten electrons and 2e-5 at sixty (Cornish and Fisher 1937, Rev.
-    Inst. Int. Stat. 5, 307). Both are made narrower by as much as rounding widens them (Sheppard
-    1898).
+    The mean is FEW_ELECTRONS or more. With "Gaussian", mean and variance are Poisson's, and the
+    distribution differs by 0.07/√mean (Kolmogorov). With "skewed", the third and fourth moments are
+    corrected too, which leaves a difference of 3e-4 at ten electrons and 2e-5 at sixty (Cornish and
+    Fisher 1937, Rev. Inst. Int. Stat. 5, 307). Both are made narrower by as much as rounding widens
+    them (Sheppard 1898).
     """
     counted = torch.addcmul(mean, mean / (mean + _ROUNDING_VARIANCE).sqrt(), noise)
     if shot == "skewed":
@@ -158,13 +154,3 @@ def _sample_electrons(
 
 def _normal(like: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     return torch.randn(like.shape, generator=generator, dtype=like.dtype)
-
-
-def _digitise(electrons: torch.Tensor, sensor: Sensor, stages: Stages) -> torch.Tensor:
-    """Convert electrons to digital numbers, as the ADC does."""
-    number = electrons / sensor.gain + sensor.black_level
-    if stages.quantisation:
-        number = torch.round(number)
-    if stages.clipping:
-        number = number.clamp(0, sensor.top_number)
-    return number.to(torch.int32) if stages.quantisation else number

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,25 +26,22 @@ from optics.sensor.stages import (
 Numbers = NDArray[np.float64]
 
 
-def electron_range(mean: float) -> tuple[int, int]:
-    """Return the least and most photoelectrons that a pixel may hold, by shot noise.
-
-    Other counts have a negligible probability.
-    """
+def _electron_range(mean: float) -> tuple[int, int]:
+    """Return the least and most photoelectrons that have a noticeable probability."""
     # Nine standard deviations are enough. The 20 serve few expected electrons.
     reach = 9.0 * math.sqrt(mean) + 20
     return max(0, math.floor(mean - reach)), math.ceil(mean + reach)
 
 
-class CountProbabilities:
+class _CountProbabilities:
     """Probabilities of photoelectron counts, for means from `least` to `most`.
 
-    shot: the distribution. Logarithms of factorials are computed once for all means.
+    Logarithms of factorials are computed once for all means.
     """
 
     def __init__(self, least: float, most: float, shot: ShotNoise) -> None:
-        self._shot, self.first = shot, electron_range(least)[0]
-        self.counts = np.arange(self.first, electron_range(most)[1] + 1, dtype=np.float64)
+        self._shot, self._first = shot, _electron_range(least)[0]
+        self.counts = np.arange(self._first, _electron_range(most)[1] + 1, dtype=np.float64)
         self._log_factorials = gammaln(self.counts + 1)
 
     def __call__(self, means: Numbers) -> tuple[slice, Numbers]:
@@ -52,40 +49,31 @@ class CountProbabilities:
 
         means: rising. The probabilities are (means, counts), for few means that are close together.
         """
-        first, last = electron_range(float(means[0]))[0], electron_range(float(means[-1]))[1]
-        part = slice(first - self.first, last + 1 - self.first)
+        first, last = _electron_range(float(means[0]))[0], _electron_range(float(means[-1]))[1]
+        part = slice(first - self._first, last + 1 - self._first)
         counts, lit = self.counts[part], means[:, None] > 0
         mean = np.where(lit, means[:, None], 1.0)
         if self._shot == "Gaussian":
-            shares = _rounded_normal(mean, counts)
+            # Counts are rounded from a normal distribution, and negative numbers count as 0.
+            spread = mean / np.sqrt(mean + 1 / 12)
+            below = ndtr((np.append(counts, counts[-1] + 1) - 0.5 - mean) / spread)
+            if counts[0] == 0:
+                below[:, 0] = 0.0
+            shares = np.diff(below, axis=1)
         else:
             shares = np.exp(counts * np.log(mean) - mean - self._log_factorials[part])
         shares = np.where(lit, shares, counts == 0)
         return part, shares / shares.sum(axis=1, keepdims=True)
 
 
-def _rounded_normal(mean: Numbers, counts: Numbers) -> Numbers:
-    """Compute the probabilities of counts that are rounded from a normal distribution.
-
-    Negative numbers count as 0. mean: (means, 1).
-    """
-    spread = mean / np.sqrt(mean + 1 / 12)
-    below = ndtr((np.append(counts, counts[-1] + 1) - 0.5 - mean) / spread)
-    if counts[0] == 0:
-        below[:, 0] = 0.0
-    return np.diff(below, axis=1)
+_MAX_DEVIATIONS = 8.5  # of read noise that are summed; 1e-17 of the probability lies beyond
 
 
-_MAX_DEVIATIONS = 8.5
-"""Standard deviations of read noise that are summed; 1e-17 of the probability lies beyond."""
+def _readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple[Numbers, Numbers]:
+    """Compute mean and variance, in electrons, of a pixel's readout through noise and ADC.
 
-
-def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple[Numbers, Numbers]:
-    """Compute mean and variance of a pixel's readout through noise and ADC, exactly.
-
-    The mean is in electrons, and the variance in electrons². electrons: in the well, with the
-    pixel's offset; any shape. The readout is (number - black level) times the gain, clipped and
-    rounded as `stages` says.
+    The electrons are those in the well, with the pixel's offset. The readout is (number - black
+    level) times the gain, clipped and rounded as `stages` says.
     """
     noise = sensor.read_noise if stages.read_noise else 0.0
     if stages.quantisation:
@@ -99,32 +87,26 @@ def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple
 
 
 def _clipped_moments(x: Numbers, noise: float, low: float, high: float) -> tuple[Numbers, Numbers]:
-    """Compute mean and variance of a readout that is clipped at both ends.
-
-    Before clipping, the readout is a normal number with the mean x.
-    """
+    """Compute mean and variance of a normal number of mean x that is clipped at both ends."""
     if not noise:
         return np.clip(x, low, high), np.zeros_like(x)
     a, b = (low - x) / noise, (high - x) / noise
     under, over = ndtr(a), ndtr(-b)
     inside = 1 - under - over
-    density_a, density_b = _density(a), _density(b)
+    density_a, density_b = (
+        np.exp(-0.5 * np.minimum(z**2, 1400.0)) / math.sqrt(2 * math.pi) for z in (a, b)
+    )
     shift = noise * (density_a - density_b + a * under + b * over)
     square = noise**2 * (inside + a * density_a - b * density_b + a**2 * under + b**2 * over)
     return x + shift, np.maximum(square - shift**2, 0.0)
 
 
-def _density(z: Numbers) -> Numbers:
-    return np.exp(-0.5 * np.minimum(z**2, 1400.0)) / math.sqrt(2 * math.pi)
-
-
 def _rounded_moments(
     scaled: Numbers, noise: float, sensor: Sensor, clipping: bool
 ) -> tuple[Numbers, Numbers]:
-    """Compute mean and variance of a readout that the ADC rounds.
+    """Compute mean and variance of a normal number of mean `scaled` that the ADC rounds.
 
-    Before rounding, the readout is a normal number with the mean `scaled`. Both moments are sums
-    over the probabilities that the number reaches each whole step.
+    Both are sums over the probabilities that the number reaches each whole step.
     """
     top = sensor.top_number
     if not noise:
@@ -143,44 +125,20 @@ def _rounded_moments(
     return base + mean, np.maximum(square - mean**2, 0.0)
 
 
+# Offset in electrons. Nodes are evenly spaced in sqrt(electrons + offset), because the shot noise
+# of that quantity is constant (Anscombe 1948).
 _ANSCOMBE_OFFSET = 3 / 8
-"""Offset in electrons. Nodes are evenly spaced in sqrt(electrons + offset), because the shot noise
-of that quantity is constant (Anscombe 1948)."""
 
+# Electrons beyond which rounding is far finer than shot noise, so that no table is needed unless
+# pixels clip.
 _MAX_TABULATED_ELECTRONS = 2.0**17
-"""Electrons beyond which rounding is far finer than shot noise, so that no table is needed unless
-pixels clip."""
 
-_NODES_TOGETHER = 16
-"""Neighbouring nodes of a table that are computed together: two standard deviations. Chosen."""
-
-BATCH_PIXELS = 1 << 17
-"""Pixels that are computed together; they stay in a processor's cache."""
-
-
-@dataclass(frozen=True)
-class MomentTableSettings:
-    """Tune the tables of mean and variance.
-
-    nodes_per_unit: computed nodes per unit of sqrt(electrons), which is two standard deviations.
-        Chosen.
-    spline_refinement: factor by which splines refine the table, so that linear interpolation is
-        enough between the refined nodes. Chosen.
-    saturation_deviations: standard deviations of shot noise from a limit, beyond which a pixel is
-        certainly full or certainly not. Chosen.
-    """
-
-    nodes_per_unit: int = 16
-    spline_refinement: int = 16
-    saturation_deviations: float = 9.0
-
-    @property
-    def step(self) -> float:
-        """Distance between the refined nodes, in sqrt(electrons)."""
-        return 1 / (self.nodes_per_unit * self.spline_refinement)
-
-
-_SETTINGS = MomentTableSettings()
+_NODES_TOGETHER = 16  # nodes that are computed together: two standard deviations; chosen
+_BATCH_PIXELS = 1 << 17  # computed together; they stay in a processor's cache
+_NODES_PER_UNIT = 16  # of sqrt(electrons), which is two standard deviations; chosen
+_REFINEMENT = 16  # by splines, so that linear interpolation is enough in between; chosen
+_STEP = 1 / (_NODES_PER_UNIT * _REFINEMENT)  # between the refined nodes, in sqrt(electrons)
+_SATURATION_DEVIATIONS = 9.0  # of shot noise from a limit: certainly full or not beyond; chosen
 
 
 def moment_tables(
@@ -195,24 +153,13 @@ def moment_tables(
     """
     stages = replace(stages, dark_current=True, fixed_pattern=True)
     low, high = _clipping_range(sensor, stages)
-    if high <= _MAX_TABULATED_ELECTRONS:
-        return (
-            _cached_table(
-                sensor, stages, 0.0, _round_up_limit(max_electrons, high), electrons_per_step
-            ),
-        )
-    dark = _cached_table(
-        sensor,
-        stages,
-        0.0,
-        _round_up_limit(max_electrons, _MAX_TABULATED_ELECTRONS),
-        electrons_per_step,
-    )
-    if max_electrons < max(low, _MAX_TABULATED_ELECTRONS):
+    bright = max(low, _MAX_TABULATED_ELECTRONS)
+    # The end is rounded up to a power of two, so that other pictures can use the same table.
+    end = min(high, _MAX_TABULATED_ELECTRONS, 2.0 ** math.ceil(math.log2(max(max_electrons, 64.0))))
+    dark = _cached_table(sensor, stages, 0.0, end, electrons_per_step)
+    if high <= _MAX_TABULATED_ELECTRONS or max_electrons < bright:
         return (dark,)
-    return dark, _cached_table(
-        sensor, stages, max(low, _MAX_TABULATED_ELECTRONS), high, electrons_per_step
-    )
+    return dark, _cached_table(sensor, stages, bright, high, electrons_per_step)
 
 
 def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
@@ -226,34 +173,15 @@ def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
     noise = 9 * sensor.read_noise + 5 * sensor.dsnu + sensor.gain
     first = min(sensor.full_well, max(top - noise, 0.0))
     final = min(sensor.full_well, top + noise)
-    deviations = _SETTINGS.saturation_deviations
-    return (
-        max(first - deviations * math.sqrt(first) - 50, 0.0),
-        final + deviations * math.sqrt(final) + 130,
-    )
-
-
-def _round_up_limit(max_electrons: float, limit: float) -> float:
-    """Round the end of a table, in electrons, up to a power of two.
-
-    Other pictures can then use the same table.
-    """
-    return min(limit, 2.0 ** math.ceil(math.log2(max(max_electrons, 64.0))))
-
-
-@functools.lru_cache(maxsize=16)
-def _cached_table(
-    sensor: Sensor, stages: Stages, low: float, high: float, step: float
-) -> MomentTable:
-    return MomentTable(sensor, stages, low, high, step)
+    low = max(first - _SATURATION_DEVIATIONS * math.sqrt(first) - 50, 0.0)
+    return low, final + _SATURATION_DEVIATIONS * math.sqrt(final) + 130
 
 
 class MomentTable:
     """A pixel's mean and variance by expected electrons and offset.
 
-    low, high: electrons at both ends; beyond them, the values at the ends are used.
-    covers_saturation: whether the values no longer change beyond `high`. electrons_per_step:
-    electrons per step of a pixel's offset; 0 without offsets.
+    Beyond `low` and `high` electrons, the values at the ends are used; `covers_saturation` tells
+    whether they no longer change beyond `high`.
     """
 
     def __init__(
@@ -262,17 +190,16 @@ class MomentTable:
         self.low, self.high = low, high
         self.covers_saturation = high >= _clipping_range(sensor, stages)[1]
         self._start = math.sqrt(low + _ANSCOMBE_OFFSET)
-        per_unit = _SETTINGS.nodes_per_unit
-        count = math.ceil(per_unit * (math.sqrt(high + _ANSCOMBE_OFFSET) - self._start)) + 4
-        root = self._start + np.arange(count) / per_unit
+        count = math.ceil(_NODES_PER_UNIT * (math.sqrt(high + _ANSCOMBE_OFFSET) - self._start)) + 4
+        root = self._start + np.arange(count) / _NODES_PER_UNIT
         electrons = np.maximum(root**2 - _ANSCOMBE_OFFSET, 0.0)
         self._reach = MAX_OFFSET_STEP if electrons_per_step else 0
         offsets = np.arange(-self._reach, self._reach + 1) * electrons_per_step
-        probabilities = CountProbabilities(float(electrons[0]), float(electrons[-1]), stages.shot)
+        probabilities = _CountProbabilities(float(electrons[0]), float(electrons[-1]), stages.shot)
         counts = probabilities.counts
         if stages.clipping:
             counts = np.minimum(counts, sensor.full_well)
-        read = readout_moments(counts[:, None] + offsets, sensor, stages)
+        read = _readout_moments(counts[:, None] + offsets, sensor, stages)
         parts = np.split(electrons, np.arange(_NODES_TOGETHER, count, _NODES_TOGETHER))
         rows = [_average_over_counts(probabilities, means, *read) for means in parts]
         self.mean = _refine_by_splines(np.concatenate([row[0] for row in rows]))
@@ -282,23 +209,17 @@ class MomentTable:
     def __call__(
         self, electrons: torch.Tensor, steps: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Look up mean and variance of pixels, of any shape, float64.
-
-        electrons: expected. steps: the pixels' offsets in steps, or None.
-        """
+        """Look up mean and variance of pixels by expected electrons, of any shape, and offsets."""
         flat = electrons.flatten()
         mean, variance = torch.empty_like(flat), torch.empty_like(flat)
-        for start in range(0, flat.numel(), BATCH_PIXELS):
-            part = slice(start, start + BATCH_PIXELS)
+        for start in range(0, flat.numel(), _BATCH_PIXELS):
+            part = slice(start, start + _BATCH_PIXELS)
             own = None if steps is None else steps.flatten()[part].to(torch.int64)
             mean[part], variance[part] = self._interpolate(flat[part], own)
         return mean.reshape(electrons.shape), variance.reshape(electrons.shape)
 
     def max_slopes(self, max_electrons: float) -> tuple[float, float]:
-        """Return the largest slopes of mean and variance over electrons.
-
-        The slopes are absolute values, up to `max_electrons`.
-        """
+        """Return the largest absolute slopes of mean and variance over electrons, up to a limit."""
         electrons = self._nodes_up_to(max_electrons)
         spaces = np.diff(electrons)[:, None]
         mean, variance = (
@@ -313,21 +234,20 @@ class MomentTable:
 
     def _nodes_up_to(self, max_electrons: float) -> Numbers:
         """Return the table's nodes up to `max_electrons`, two at least."""
-        start, step = self._start, _SETTINGS.step
-        electrons = (start + np.arange(len(self.mean)) * step) ** 2 - _ANSCOMBE_OFFSET
+        root = self._start + np.arange(len(self.mean)) * _STEP
+        electrons = root**2 - _ANSCOMBE_OFFSET
         return electrons[electrons <= max(max_electrons, electrons[1])]
 
     def _interpolate(
         self, electrons: torch.Tensor, steps: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        start, step = self._start, _SETTINGS.step
         electrons = electrons.clamp(self.low, self.high)
-        base = (electrons + _ANSCOMBE_OFFSET).sqrt_().sub_(start).div_(step).floor_()
+        base = (electrons + _ANSCOMBE_OFFSET).sqrt_().sub_(self._start).div_(_STEP).floor_()
         base.clamp_(0, len(self.mean) - 2)
-        root = base * step + start
+        root = base * _STEP + self._start
         # Interpolation is linear in electrons, not in their root, because means are proportional to
         # electrons except at the ends.
-        between = (electrons - (root**2 - _ANSCOMBE_OFFSET)) / (step * (2 * root + step))
+        between = (electrons - (root**2 - _ANSCOMBE_OFFSET)) / (_STEP * (2 * root + _STEP))
         columns = self.mean.shape[1]
         first = base.to(torch.int64).mul_(columns).add_(self._reach)
         if steps is not None:
@@ -340,15 +260,17 @@ class MomentTable:
         return mean, variance
 
 
+_cached_table = functools.lru_cache(maxsize=16)(MomentTable)
+
+
 def _refine_by_splines(values: Numbers) -> torch.Tensor:
     """Refine a table, (nodes, columns), by splines between its nodes."""
-    nodes, finer = np.arange(len(values)), _SETTINGS.spline_refinement
-    inner = np.arange((len(values) - 1) * finer + 1) / finer
-    return torch.from_numpy(CubicSpline(nodes, values)(inner))
+    inner = np.arange((len(values) - 1) * _REFINEMENT + 1) / _REFINEMENT
+    return torch.from_numpy(CubicSpline(np.arange(len(values)), values)(inner))
 
 
 def _average_over_counts(
-    probabilities: CountProbabilities, means: Numbers, read: Numbers, variance: Numbers
+    probabilities: _CountProbabilities, means: Numbers, read: Numbers, variance: Numbers
 ) -> tuple[Numbers, Numbers]:
     """Average mean and variance over shot noise, by the law of total variance.
 
@@ -376,21 +298,15 @@ def moments(
 
     Parameters
     ----------
-    electrons : torch.Tensor, (rows, columns)
-        Electrons expected from light on each pixel over the exposure.
-    exposure : float
-        Exposure time in seconds.
-    sensor : Sensor
-        The sensor.
+    electrons, exposure, sensor : torch.Tensor, (rows, columns), float, Sensor
+        Electrons expected from light on each pixel over the exposure, seconds, and the sensor.
     **switches : bool or str
         Which stages are simulated: the fields of `Stages`. "skewed" shot noise counts as Poisson's.
 
     Returns
     -------
-    mean : torch.Tensor, (rows, columns), float64
-        Electrons.
-    variance : torch.Tensor, (rows, columns), float64
-        Electrons².
+    mean, variance : torch.Tensor, (rows, columns), float64
+        Electrons, and electrons².
 
     Raises
     ------
@@ -427,8 +343,8 @@ def _moments_without_shot_noise(
     if stages.clipping:
         full = full.clamp(max=sensor.full_well)
     flat = (full + charge.offset).flatten()
-    starts = range(0, flat.numel(), BATCH_PIXELS)
-    parts = [readout_moments(flat[n : n + BATCH_PIXELS].numpy(), sensor, stages) for n in starts]
+    starts = range(0, flat.numel(), _BATCH_PIXELS)
+    parts = [_readout_moments(flat[n : n + _BATCH_PIXELS].numpy(), sensor, stages) for n in starts]
     mean, variance = (torch.from_numpy(np.concatenate(one)) for one in zip(*parts, strict=True))
     return mean.reshape(full.shape), variance.reshape(full.shape)
 

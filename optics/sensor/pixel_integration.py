@@ -13,8 +13,10 @@ from optics.fourier.differentiation import apply_linear_map
 from optics.fourier.fitted_interpolation import BandedMatrix
 from optics.plane import Plane
 from optics.sensor.pixel_weights import (
+    BLOCK,
     FIT_SECONDS,
-    PIXEL_INTEGRATION,
+    OVERSAMPLING,
+    WIDEST_BAND,
     PixelWeights,
     expected_reach,
     pixel_weights,
@@ -23,8 +25,11 @@ from optics.sensor.pixel_weights import (
 PIXEL_OVERSAMPLING = 1.5
 """Factor by which the samples of integrate_pixels() must be finer than the light's Nyquist rate."""
 
-_PASSES_PER_SAMPLE = 4.0
-"""Passes over a sample in each axis' integration, its transposed copy included; measured."""
+# Samples per pixel beyond which their number is whole: all pixels then have the same weights, which
+# are dear to fit. Chosen.
+_WHOLE_SAMPLES = 64
+
+_PASSES_PER_SAMPLE = 4.0  # in each axis' integration, its transposed copy included; measured
 
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
@@ -32,10 +37,9 @@ def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
 
     Parameters
     ----------
-    rows, columns : int
-        Size of the picture in samples. Its origin is in the corner.
-    factor : int
-        Samples per pixel along each axis.
+    rows, columns, factor : int
+        Size of the picture in samples, whose origin is in the corner, and samples per pixel along
+        each axis.
 
     Returns
     -------
@@ -54,10 +58,8 @@ def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
 
     Parameters
     ----------
-    light : torch.Tensor, (..., rows, columns)
-        Picture on the fine grid.
-    factor : int
-        Samples per pixel along each axis.
+    light, factor : torch.Tensor, (..., rows, columns), int
+        Picture on the fine grid, and samples per pixel along each axis.
 
     Returns
     -------
@@ -75,10 +77,8 @@ def pixel_margin(factor: int, tol: float = 1e-9) -> int:
 
     Parameters
     ----------
-    factor : int
-        Samples per pixel along each axis.
-    tol : float, optional
-        Relative L2 error of the integral that is allowed; 1e-9 by default.
+    factor, tol : int, float, optional
+        Samples per pixel along each axis, and relative L2 error that is allowed, 1e-9 by default.
 
     Returns
     -------
@@ -97,10 +97,8 @@ def integrate_pixels(light: torch.Tensor, factor: int, tol: float = 1e-9) -> tor
 
     Parameters
     ----------
-    light : torch.Tensor, (..., rows, columns)
-        Light on the fine samples.
-    factor : int
-        Samples per pixel along each axis, 1 or more.
+    light, factor : torch.Tensor, (..., rows, columns), int
+        Light on the fine samples, and samples per pixel along each axis, 1 or more.
     tol : float, optional
         Relative L2 error that is allowed; 1e-9 by default.
 
@@ -111,17 +109,18 @@ def integrate_pixels(light: torch.Tensor, factor: int, tol: float = 1e-9) -> tor
         factor².
     """
     weights = pixel_weights(Fraction(factor), 0.5 / PIXEL_OVERSAMPLING, tol)
-    shape = (light.shape[-2] // factor, light.shape[-1] // factor)
-    return _integrate_both_axes(light, (weights, weights), shape)
+    rows, columns = (n // factor for n in light.shape[-2:])
+    return _integrate_both_axes(light, (weights, weights), (rows, columns))
 
 
 def _integrate_both_axes(
     light: torch.Tensor, weights: tuple[PixelWeights, PixelWeights], shape: tuple[int, int]
 ) -> torch.Tensor:
     """Integrate light over pixels along both axes, to (..., *shape)."""
-    rows, columns = light.shape[-2:]
-    y = _integration_matrix(weights[0], rows, shape[0], light.dtype)
-    x = _integration_matrix(weights[1], columns, shape[1], light.dtype)
+    y, x = (
+        _integration_matrix(one, samples, count, light.dtype)
+        for one, samples, count in zip(weights, light.shape[-2:], shape, strict=True)
+    )
 
     def forward(picture: torch.Tensor) -> torch.Tensor:
         return x.forward(y.forward(picture).mT.contiguous()).mT
@@ -162,9 +161,8 @@ class PixelIntegration:
     """Integrates light over whole pixels, and plans the finer samples that this takes.
 
     Call the object with the light on its `plane`, (..., rows, columns); the result is the light on
-    each pixel, ``(..., *pixels.shape)``. The attribute `plane` is finer than the pixels and reaches
-    beyond them by `margin` samples on each side. The fewer digits are asked for, the fewer samples
-    there are.
+    each pixel, ``(..., *pixels.shape)``. The fewer digits are asked for, the fewer samples there
+    are.
 
     Parameters
     ----------
@@ -172,24 +170,20 @@ class PixelIntegration:
         Pixels on which the light is wanted.
     cutoff : float or tuple of float
         Cycles per metre of the light's finest fringe; two along y and x where they differ.
-    budget : Budget, optional
-        Limit of the memory that may be used.
-    tol : float, optional
-        Relative L2 error of the light on pixels that is allowed; 1e-9 by default.
+    budget, tol : Budget, float, optional
+        Limit of the memory, and relative L2 error that is allowed, 1e-9 by default.
 
     Attributes
     ----------
-    plane : Plane
-        The samples.
-    margin : tuple of int
-        Samples beyond the pixels on each side, along y and x.
+    plane, margin : Plane, tuple of int
+        The samples, which reach beyond the pixels by so many on each side, along y and x.
     error : float
         Relative L2 error of the light on pixels, at most `tol` if double precision allows it.
 
     Raises
     ------
-    ValueError
-        As its subclass ToleranceError, if the fine samples take more memory than the budget allows.
+    ToleranceError
+        If the fine samples take more memory than the budget allows.
     """
 
     def __init__(
@@ -201,14 +195,13 @@ class PixelIntegration:
     ) -> None:
         self._shape = pixels.shape
         both = cutoff if isinstance(cutoff, tuple) else (cutoff, cutoff)
+        cycles = [pitch * one for pitch, one in zip(pixels.pitch, both, strict=True)]
         budget = budget or Budget()
-        _require_few_fringes(pixels, both, budget)
+        _require_few_fringes(pixels.shape, cycles, budget)
         self._fitted: list[PixelWeights] = []
         y, x = (
-            _cheapest_weights(
-                pixels.shape[axis], pixels.pitch[axis] * both[axis], tol, self._fitted
-            )
-            for axis in (0, 1)
+            _cheapest_weights(count, one, tol, self._fitted)
+            for count, one in zip(pixels.shape, cycles, strict=True)
         )
         self._weights = (y, x)
         self.error = max(one.error for one in self._weights)
@@ -217,11 +210,8 @@ class PixelIntegration:
             for n, one in zip(pixels.shape, self._weights, strict=True)
         ]
         rows, columns = (2 * half + 1 for half in beyond)
-        pitch_y, pitch_x = (
-            pitch / float(one.factor)
-            for pitch, one in zip(pixels.pitch, self._weights, strict=True)
-        )
-        self.plane = Plane((rows, columns), (pitch_y, pitch_x), pixels.centre)
+        pitch = pixels.pitch[0] / float(y.factor), pixels.pitch[1] / float(x.factor)
+        self.plane = Plane((rows, columns), pitch, pixels.centre)
         margin_y, margin_x = (
             max(half - math.ceil(n * one.factor / 2), 0)
             for half, n, one in zip(beyond, pixels.shape, self._weights, strict=True)
@@ -232,13 +222,9 @@ class PixelIntegration:
         require_memory(what, self.bytes, budget.memory, "ask for fewer pixels")
 
     @property
-    def _samples(self) -> int:
-        return self.plane.shape[0] * self.plane.shape[1]
-
-    @property
     def bytes(self) -> int:
         """Memory in bytes of the fine samples in single precision, with and without padding."""
-        return 2 * 4 * self._samples
+        return 2 * 4 * math.prod(self.plane.shape)
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor time of what is kept for all calls, in seconds.
@@ -268,10 +254,10 @@ class PixelIntegration:
         return float(y.factor * x.factor)
 
 
-def _require_few_fringes(pixels: Plane, cutoff: tuple[float, float], budget: Budget) -> None:
+def _require_few_fringes(shape: tuple[int, int], cycles: list[float], budget: Budget) -> None:
     """Raise ToleranceError for pixels whose fine samples are beyond memory or time."""
-    parts = [max(1.0, 2 * pixels.pitch[axis] * cutoff[axis]) for axis in (0, 1)]
-    rows, columns = (n * part for n, part in zip(pixels.shape, parts, strict=True))
+    parts = [max(1.0, 2 * one) for one in cycles]
+    rows, columns = (n * part for n, part in zip(shape, parts, strict=True))
     what = f"the light on whole pixels, with {parts[0]:.3g}x{parts[1]:.3g} samples in each,"
     remedy = "ask for fewer pixels, or smaller ones (their pitch is in metres)"
     require_memory(what, 2 * 4 * rows * columns, budget.memory, remedy)
@@ -281,20 +267,20 @@ def _require_few_fringes(pixels: Plane, cutoff: tuple[float, float], budget: Bud
 def _cheapest_weights(
     count: int, cycles: float, tol: float, fitted: list[PixelWeights]
 ) -> PixelWeights:
-    """Choose the number of samples per pixel that takes the fewest samples along an axis.
+    """Choose the samples per pixel that are fewest along an axis of `count` pixels.
 
-    count: pixels along the axis. cycles: of the light's finest fringe, per pixel. fitted: gets the
-    weights that weren't kept from earlier.
+    cycles: of the light's finest fringe, per pixel. fitted: gets the weights that weren't kept from
+    earlier.
     """
 
     def expected_samples(ratio: float) -> float:
         return count * float(_samples_per_pixel(ratio, cycles)) + 2 * expected_reach(ratio, tol)
 
     found: list[PixelWeights] = []
-    for ratio in sorted(PIXEL_INTEGRATION.oversampling, key=expected_samples):
+    for ratio in sorted(OVERSAMPLING, key=expected_samples):
         factor = _samples_per_pixel(ratio, cycles)
         # Light of half a percent more bandwidth shares the weights of light nearby.
-        band = min(math.ceil(200 * cycles / float(factor)) / 200, PIXEL_INTEGRATION.widest_band)
+        band = min(math.ceil(200 * cycles / float(factor)) / 200, WIDEST_BAND)
         misses = pixel_weights.cache_info().misses
         found.append(pixel_weights(factor, band, tol))
         if pixel_weights.cache_info().misses > misses:
@@ -305,14 +291,8 @@ def _cheapest_weights(
 
 
 def _samples_per_pixel(oversampling: float, cycles: float) -> Fraction:
-    """Return how many samples along a pixel resolve light of some cycles per pixel.
-
-    oversampling: of the samples, over the light's Nyquist rate, at least.
-    """
-    parts = max(
-        math.ceil(2 * oversampling * cycles * PIXEL_INTEGRATION.block), PIXEL_INTEGRATION.block
-    )
-    if parts > PIXEL_INTEGRATION.whole_samples * PIXEL_INTEGRATION.block:
-        # All pixels then have the same weights, which are dear to fit.
-        parts = math.ceil(parts / PIXEL_INTEGRATION.block) * PIXEL_INTEGRATION.block
-    return Fraction(parts, PIXEL_INTEGRATION.block)
+    """Return how many samples along a pixel resolve light of some cycles per pixel."""
+    parts = max(math.ceil(2 * oversampling * cycles * BLOCK), BLOCK)
+    if parts > _WHOLE_SAMPLES * BLOCK:
+        parts = math.ceil(parts / BLOCK) * BLOCK
+    return Fraction(parts, BLOCK)

@@ -14,73 +14,53 @@ from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
 
+# Ratios of the samples' rate to the light's Nyquist rate to choose from. Closer to 1, the weights
+# reach far. Chosen; the last one reaches every tolerance.
+OVERSAMPLING = (1.15, 1.3, 1.5)
 
-@dataclass(frozen=True)
-class PixelIntegrationSettings:
-    """Tune the integration of light over pixels.
+WIDEST_BAND = 0.48  # largest frequency in cycles per sample that weights are fitted for; chosen
 
-    error_margin: relative L2 error of the light on pixels over the largest deviation of the
-        weights' transfer function along an axis: 2 axes, times 2 because a pixel averages out fine
-        fringes that count in the deviation. Derived.
-    oversampling: ratios of the samples' rate to the light's Nyquist rate to choose from. Closer to
-        1, the weights reach far. Chosen; the last one reaches every tolerance.
-    widest_band: largest frequency in cycles per sample that weights are fitted for. Chosen.
-    samples_per_digit: samples on either side of a pixel that another digit needs, times the
-        oversampling beyond 1. Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it
-        meets within a quarter.
-    first_digit_steps: samples on either side in which the error is first taken to fall to a tenth.
-        Chosen.
-    stalled_steps: steps of the search for the reach after which an error that hardly falls ends it.
-        Chosen.
-    max_reach: most samples on either side of a pixel that its weights use. Chosen: the error is
-        down to rounding there.
-    block: pixels in a row that are integrated by one matrix; measured to be the fastest. The
-        samples per pixel are whole multiples of its inverse, so that the next block needs the same
-        matrix.
-    whole_samples: samples per pixel beyond which their number is whole. Chosen.
-    """
+# Pixels in a row that are integrated by one matrix; measured to be the fastest. The samples per
+# pixel are whole multiples of its inverse, so that the next block needs the same matrix.
+BLOCK = 16
 
-    error_margin: float = 4.0
-    oversampling: tuple[float, ...] = (1.15, 1.3, 1.5)
-    widest_band: float = 0.48
-    samples_per_digit: float = 0.75
-    first_digit_steps: float = 2.0
-    stalled_steps: int = 3
-    max_reach: int = 96
-    block: int = 16
-    whole_samples: int = 64
+# Relative L2 error of the light on pixels over the largest deviation of the weights' transfer
+# function along an axis: 2 axes, times 2 because a pixel averages out fine fringes that count in
+# the deviation.
+_ERROR_MARGIN = 4.0
 
+# Samples on either side of a pixel that another digit needs, times the oversampling beyond 1.
+# Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it meets within a quarter.
+_SAMPLES_PER_DIGIT = 0.75
 
-PIXEL_INTEGRATION = PixelIntegrationSettings()
+_FIRST_DIGIT_STEPS = 2.0  # samples in which the error is first taken to fall to a tenth; chosen
+_STALLED_STEPS = 3  # steps of the search after which an error that hardly falls ends it; chosen
+_MAX_REACH = 96  # most samples on either side; chosen: the error is down to rounding there
 
-FIT_SECONDS = 2e-9
-"""Processor seconds in which the weights of a pixel are fitted, over its samples' third power;
-measured at up to 750 samples."""
+FIT_SECONDS = 2e-9  # to fit weights, over samples³; measured at up to 750
 
+# Time to fit a pixel's weights: fixed, in calls; for each square of the samples on either side, in
+# cosines; for each third power of them, in multiplications in double precision. Measured for 2 to
+# 64.
 _CALLS_PER_FIT, _COSINES_PER_FIT, _PRODUCTS_PER_FIT = 0.26, 260.0, 450.0
-"""Time to fit a pixel's weights: fixed, in calls; for each square of the samples on either side, in
-cosines; for each third power of them, in multiplications in double precision. Measured for 2 to 64
-samples on either side."""
 
+# Singular values of the weights' fit below this share of the tolerance, relative to the largest,
+# are left out. Chosen: the fit loses far less than the tolerance.
 _NEGLIGIBLE = 0.03
-"""Singular values of the weights' fit below this share of the tolerance, relative to the largest,
-are left out. Chosen: the fit loses far less than the tolerance."""
 
 
 @dataclass(frozen=True, eq=False)
 class PixelWeights:
     """Weights of the samples around a pixel in the light's integral over it.
 
-    weights: float64, (pixels, samples), for the pixels of a block, of which the first one's centre
-    is on a sample; the middle one of the samples is the nearest to the pixel's centre. factor:
-    samples per pixel, a multiple of the block's inverse. error: relative L2 error of the light on
-    pixels. fits: samples on either side of a pixel in each fit that led to the weights, halved
-    where the pixel's symmetry halved the fit.
+    They are (pixels, samples), float64, for the pixels of a block, of which the first one's centre
+    is on a sample; the middle one of the samples is the nearest to the pixel's centre.
     """
 
     weights: torch.Tensor
-    factor: Fraction
-    error: float
+    factor: Fraction  # samples per pixel, a multiple of the block's inverse
+    error: float  # relative L2, of the light on pixels
+    # Samples on either side of a pixel in each fit that led here, halved where symmetry halved it.
     fits: tuple[float, ...] = ()
 
     @property
@@ -90,13 +70,12 @@ class PixelWeights:
 
     def fit_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds in which the weights were found."""
-        each = (
+        return sum(
             _CALLS_PER_FIT * speed.call
             + _COSINES_PER_FIT * half**2 * speed.cosine
             + _PRODUCTS_PER_FIT * half**3 * speed.multiply_add * speed.double
             for half in self.fits
         )
-        return sum(each)
 
     @property
     def margin(self) -> int:
@@ -113,13 +92,16 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
     best one. Elsewhere the function is free, so that the weights reach much less far than those of
     a band-limited interpolation.
 
-    factor: samples per pixel, a multiple of 1/16 and 1 or more.
-    band: the light's highest frequency in cycles per sample, below 1/2.
-    tol: relative L2 error of the light on pixels that is allowed. The weights' error, measured at
-        other frequencies than those of the fit, exceeds it only if it is beyond double precision.
+    factor: samples per pixel, a multiple of 1/16 and 1 or more. band: the light's highest frequency
+    in cycles per sample, below 1/2. tol: relative L2 error of the light on pixels that is allowed;
+    the weights', measured at other frequencies than those of the fit, exceeds it only if it is
+    beyond double precision.
     """
-    # A pixel's centre between two samples is the hardest case, and one on a sample the easiest.
-    offsets = sorted({_offset(factor, pixel) for pixel in range(PIXEL_INTEGRATION.block)}, key=abs)
+    # How far the pixels' centres lie beyond the nearest sample, in samples: one between two samples
+    # is the hardest case, and one on a sample the easiest.
+    centres = [pixel * factor for pixel in range(BLOCK)]
+    by_pixel = [float(one - math.floor(one + Fraction(1, 2))) for one in centres]
+    offsets = sorted(set(by_pixel), key=abs)
     tried: dict[tuple[int, float], tuple[NDArray[np.float64], float]] = {}
 
     def fit(reach: int, offset: float) -> tuple[NDArray[np.float64], float]:
@@ -132,7 +114,7 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
 
     first = math.ceil(factor) // 2 + 1
     expected = max(first, math.floor(expected_reach(0.5 / band, tol)))
-    most = first + PIXEL_INTEGRATION.max_reach - 1
+    most = first + _MAX_REACH - 1
     reach = _least_reach(lambda one: fit(one, offsets[-1])[1], first, expected, most, tol)
     # An easier case may need a sample more, where rounding rules.
     while reach < most and fit(reach, offsets[-1])[1] <= tol:
@@ -140,7 +122,7 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
             break
         reach += 1
     found = {one: fit(reach, one) for one in offsets}
-    rows = [found[_offset(factor, pixel)][0] for pixel in range(PIXEL_INTEGRATION.block)]
+    rows = [found[offset][0] for offset in by_pixel]
     error = max(one[1] for one in found.values())
     fits = tuple(size if offset else size / 2 for size, offset in tried)
     return PixelWeights(torch.from_numpy(np.stack(rows)), factor, error, fits)
@@ -165,7 +147,7 @@ def _least_reach(
         else:
             short = reach
         # A reach that gains nothing more has met rounding, which longer ones don't pass.
-        if enough > most and len(tried) > PIXEL_INTEGRATION.stalled_steps:
+        if enough > most and len(tried) > _STALLED_STEPS:
             *_, before, last = sorted(tried)
             if tried[last] > 0.5 * tried[before]:
                 break
@@ -177,37 +159,26 @@ def _least_reach(
 def _step_towards(tol: float, tried: dict[int, float], reach: int) -> int:
     """Return by how much the weights shall reach farther for a tolerance; negative for less.
 
-    tried: errors by reach. The slope is that of the two reaches that were tried next to `reach`.
+    The slope is that of the errors at the two reaches that were `tried` next to `reach`.
     """
     digits = math.log10(max(tried[reach], 1e-300) / max(tol, 1e-300))
-    others = sorted((one for one in tried if one != reach), key=lambda one: abs(one - reach))
-    slope = 1 / PIXEL_INTEGRATION.first_digit_steps
+    slope = 1 / _FIRST_DIGIT_STEPS
+    others = [one for one in tried if one != reach]
     if others:
-        other = others[0]
+        other = min(others, key=lambda one: abs(one - reach))
         fall = math.log10(max(tried[other], 1e-300) / max(tried[reach], 1e-300)) / (reach - other)
         slope = fall if fall > 0 else slope
     step = digits / slope
     return math.ceil(step) if step > 0 else min(math.ceil(step), -1)
 
 
-def _offset(factor: Fraction, pixel: int) -> float:
-    """Return how far the centre of a pixel lies beyond the nearest sample, in samples."""
-    return float(pixel * factor - _nearest_sample(factor, pixel))
-
-
-def _nearest_sample(factor: Fraction, pixel: int) -> int:
-    """Return the number of the sample next to a pixel's centre, from the first pixel's."""
-    return math.floor(pixel * factor + Fraction(1, 2))
-
-
 def _fit_weights(
     factor: Fraction, band: float, reach: int, offset: float, tol: float
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit the weights of 2 reach + 1 samples to a pixel's transfer function.
+    """Fit the weights of 2 reach + 1 samples to a pixel's transfer function, and tell their error.
 
-    offset: of the pixel's centre from the middle sample. Returns the weights and their error, which
-    shall be within `tol`. What the samples can hardly tell apart gets no weight: huge weights of
-    opposite signs would amplify rounding.
+    The pixel's centre has an offset from the middle sample. What the samples can hardly tell apart
+    gets no weight: huge weights of opposite signs would amplify rounding.
     """
     width = float(factor)
     negligible = min(max(_NEGLIGIBLE * tol, 1e-15), 1e-6)
@@ -225,9 +196,7 @@ def _fit_weights(
         )
         deviation = _cosines(judged, reach) @ half / width - np.sinc(width * judged)
         weights = np.concatenate((half[:0:-1], half))
-    return np.asarray(weights, dtype=np.float64), PIXEL_INTEGRATION.error_margin * float(
-        np.abs(deviation).max()
-    )
+    return np.asarray(weights, dtype=np.float64), _ERROR_MARGIN * float(np.abs(deviation).max())
 
 
 def _waves(frequency: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -249,4 +218,4 @@ def _cosines(frequency: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
 def expected_reach(oversampling: float, tol: float) -> float:
     """Estimate how far the weights of a pixel reach, in samples."""
     digits = -math.log10(tol) if tol > 1e-16 else 16.0
-    return PIXEL_INTEGRATION.samples_per_digit * max(digits, 0.0) / max(oversampling - 1, 0.05)
+    return _SAMPLES_PER_DIGIT * max(digits, 0.0) / max(oversampling - 1, 0.05)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import torch
 
 from optics.plane import Plane
-from optics.validation import require_positive, require_share
+from optics.validation import require_amount, require_choice, require_positive, require_share
 
 if TYPE_CHECKING:
     from optics.light.spectrum import Spectrum
@@ -91,36 +91,33 @@ class Mosaic:
         return channels.gather(0, which[None])[0]
 
 
-_MAX_PRNU = 0.2
-"""Largest PRNU. With more, a pixel's response to light might be negative."""
-
-_MAX_CROSSTALK = 0.25
-"""Largest crosstalk. With more, a pixel would collect less than its neighbours."""
+_MAX_PRNU = 0.2  # with more, a pixel's response to light might be negative
+_MAX_CROSSTALK = 0.25  # with more, a pixel would collect less than its neighbours
 
 
 @dataclass(frozen=True)
 class Sensor:
     """Describes a sensor in the quantities of EMVA 1288.
 
-    shape: (rows, columns). pitch: metres. bits: of the digital number. full_well:
-    electrons. gain: electrons per digital number. read_noise: electrons, standard
-    deviation. dark_current: electrons per second. black_level: digital number of no
-    light. quantum_efficiency: electrons per photon. exposure_range: seconds.
     The defaults are those of a 3.45 µm machine-vision sensor.
 
-    spectral_efficiency: electrons per photon by wavelength; None for quantum_efficiency at all
-    wavelengths. colour: mosaic of colour filters, whose curves replace spectral_efficiency; None
-    for a monochrome sensor. prnu: standard deviation of the pixels' response, relative. dsnu:
-    standard deviation of the pixels' offsets in darkness, electrons. dead: share of pixels that
-    don't respond to light. hot: share of pixels whose dark current is higher by hot_current
-    electrons per second. fixed_seed: seed of the maps of these four, one for each camera. shutter:
-    "global", or "rolling" with line_time seconds from row to row. model: name of the sensor.
-    clip_level: digital number at which the converter ends, if that isn't the largest number of so
-    many bits: 65520 for a converter of 12 bits whose numbers are sent as 16; None if it is.
-    crosstalk: share of a pixel's electrons that each of its neighbours in the row and in the column
-    collects. dust: specks on the cover glass, (y, x, diameter) in metres from the sensor's middle;
-    dust_distance: metres of air, or of glass over its index, from the specks to the pixels. Only
-    the simulator uses these.
+    shape: (rows, columns). pitch: metres. bits: of the digital number. full_well: electrons. gain:
+    electrons per digital number. read_noise: electrons, standard deviation. dark_current: electrons
+    per second. black_level: digital number of no light. quantum_efficiency: electrons per photon.
+    exposure_range: seconds. spectral_efficiency: electrons per photon by wavelength; None for
+    quantum_efficiency at all wavelengths. colour: mosaic of colour filters, whose curves replace
+    spectral_efficiency; None for a monochrome sensor. prnu: standard deviation of the pixels'
+    response, relative. dsnu: standard deviation of the pixels' offsets in darkness, electrons.
+    dead: share of pixels that don't respond to light. hot: share of pixels whose dark current is
+    higher by hot_current electrons per second. fixed_seed: seed of the maps of these four, one for
+    each camera. shutter: "global", or "rolling" with line_time seconds from row to row. model: name
+    of the sensor. clip_level: digital number at which the converter ends, if that isn't the largest
+    number of so many bits: 65520 for a converter of 12 bits whose numbers are sent as 16.
+
+    Only the simulator uses the rest. crosstalk: share of a pixel's electrons that each of its
+    neighbours in the row and in the column collects. dust: specks on the cover glass, (y, x,
+    diameter) in metres from the sensor's middle; dust_distance: metres of air, or of glass over its
+    index, from the specks to the pixels.
     """
 
     shape: tuple[int, int] = (512, 768)
@@ -155,8 +152,7 @@ class Sensor:
         for name in (
             "read_noise", "dark_current", "black_level", "prnu", "dsnu", "hot_current", "line_time"
         ):  # fmt: skip
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} is {getattr(self, name):g}; it can't be negative")
+            require_amount(name, getattr(self, name), "")
         self._require_sound_pixels()
         if not 1 <= self.bits <= 16:
             raise ValueError(f"bits is {self.bits}; a sensor has 1 to 16")
@@ -174,11 +170,7 @@ class Sensor:
         if not 0 < low <= high < math.inf:
             raise ValueError(f"exposure_range is {low:g} to {high:g} s; give the shorter first")
         Plane(self.shape, (self.pitch, self.pitch))
-        self._require_sound_dust()
-
-    def _require_sound_dust(self) -> None:
-        if not 0 <= self.dust_distance < math.inf:
-            raise ValueError(f"dust_distance is {self.dust_distance:g} m; it can't be negative")
+        require_amount("dust_distance", self.dust_distance, "m")
         if self.dust and not self.dust_distance:
             raise ValueError("dust needs its dust_distance to the pixels, more than 0 m")
         for y, x, diameter in self.dust:
@@ -204,14 +196,13 @@ class Sensor:
             raise ValueError(
                 f"dead is {self.dead:g} and hot {self.hot:g}; no more than all pixels can be either"
             )
-        if self.shutter not in ("global", "rolling"):
-            raise ValueError(f"shutter is {self.shutter!r}; choose global or rolling")
+        require_choice("shutter", self.shutter, ("global", "rolling"))
         if self.shutter == "rolling" and not self.line_time:
             raise ValueError("a rolling shutter needs its line_time, more than 0 s")
 
     @property
     def plane(self) -> Plane:
-        return Plane(self.shape, (self.pitch, self.pitch))
+        return self.window_plane(self.shape)
 
     def window_plane(
         self, shape: tuple[int, int], centre: tuple[float, float] = (0.0, 0.0)

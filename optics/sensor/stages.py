@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 from weakref import WeakKeyDictionary
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from optics.sensor.sensor import Sensor
-from optics.validation import require_finite, require_positive
+from optics.validation import require_choice, require_finite, require_positive
 
-_OFFSET_STEPS = 4
-"""Steps of a pixel's offset per standard deviation. With whole steps, moments can be tabulated
-exactly."""
-
-_MAX_DEVIATIONS = 4.5
-"""Standard deviations at which the random pattern is cut off. One pixel in 150,000 would lie
-beyond."""
-
-MAX_OFFSET_STEP = round(_MAX_DEVIATIONS * _OFFSET_STEPS)
-"""Largest number of offset steps of a pixel."""
+_OFFSET_STEPS = 4  # per standard deviation; with whole steps, moments can be tabulated exactly
+_MAX_DEVIATIONS = 4.5  # at which the random pattern is cut off: one pixel in 150,000 lies beyond
+MAX_OFFSET_STEP = round(_MAX_DEVIATIONS * _OFFSET_STEPS)  # largest number of a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +27,8 @@ class FixedPattern:
     ----------
     response : torch.Tensor, (rows, columns), float32
         Factor on a pixel's response to light: 1 + PRNU, and 0 for a dead pixel.
-    offset_steps : torch.Tensor, (rows, columns), int8
-        DSNU: the offset that a pixel reads too much, in steps of `electrons_per_step`.
-    electrons_per_step : float
-        Electrons in one step of the offset.
+    offset_steps, electrons_per_step : torch.Tensor, (rows, columns), int8, and float
+        DSNU: the offset that a pixel reads too much, in steps of so many electrons.
     hot_current : torch.Tensor, (rows, columns), float32
         Electrons per second that hot pixels have beyond the dark current.
     """
@@ -67,8 +60,8 @@ def has_fixed_pattern(sensor: Sensor) -> bool:
     return sensor.prnu > 0 or sensor.dsnu > 0 or sensor.dead > 0 or sensor.hot > 0
 
 
+# Equal sensors share one entry, which lasts as long as the first of them.
 _cached_patterns: WeakKeyDictionary[Sensor, FixedPattern] = WeakKeyDictionary()
-"""Patterns by sensor. Equal sensors share one entry, which lasts as long as the first of them."""
 
 
 def fixed_pattern(sensor: Sensor) -> FixedPattern:
@@ -94,35 +87,31 @@ def fixed_pattern(sensor: Sensor) -> FixedPattern:
     EMVA 1288 release 4, section 4.
     """
     found = _cached_patterns.get(sensor)
-    if found is None:
-        found = _cached_patterns[sensor] = _generate_pattern(sensor)
-    return found
-
-
-def _generate_pattern(sensor: Sensor) -> FixedPattern:
+    if found is not None:
+        return found
     generator = torch.Generator().manual_seed(sensor.fixed_seed)
     shape = sensor.shape
-    gain = 1 + sensor.prnu * _normal(shape, generator)
-    width = math.sqrt(_OFFSET_STEPS**2 - 1 / 12)
-    steps = torch.round(width * _normal(shape, generator)).to(torch.int8)
+    first, second = (
+        torch.randn(shape, generator=generator).clamp(-_MAX_DEVIATIONS, _MAX_DEVIATIONS)
+        for _ in range(2)
+    )
     chance = torch.rand(shape, generator=generator, dtype=torch.float64)
     # One random number per pixel decides both, so that no pixel is dead and hot.
-    gain[chance < sensor.dead] = 0.0
+    response = (1 + sensor.prnu * first).masked_fill_(chance < sensor.dead, 0.0).clamp(min=0.0)
     hot = chance > 1 - sensor.hot if sensor.hot else torch.zeros(shape, dtype=torch.bool)
-    return FixedPattern(
-        gain.clamp(min=0.0), steps, sensor.dsnu / _OFFSET_STEPS, hot * float(sensor.hot_current)
+    steps = torch.round(math.sqrt(_OFFSET_STEPS**2 - 1 / 12) * second).to(torch.int8)
+    found = FixedPattern(
+        response, steps, sensor.dsnu / _OFFSET_STEPS, hot * float(sensor.hot_current)
     )
-
-
-def _normal(shape: tuple[int, int], generator: torch.Generator) -> torch.Tensor:
-    return torch.randn(shape, generator=generator).clamp(-_MAX_DEVIATIONS, _MAX_DEVIATIONS)
+    _cached_patterns[sensor] = found
+    return found
 
 
 ShotNoise = Literal["none", "Gaussian", "skewed", "Poisson"]
 
+# Expected electrons below which shot noise is always sampled from Poisson's distribution. It costs
+# as little there, and a normal distribution would be cut off at 0.
 FEW_ELECTRONS = 10.0
-"""Expected electrons below which shot noise is always sampled from Poisson's distribution. It costs
-as little there, and a normal distribution would be cut off at 0."""
 
 
 @dataclass(frozen=True)
@@ -134,21 +123,16 @@ class Stages:
 
     Parameters
     ----------
-    dark_current : bool, default True
-        Electrons without light.
-    fixed_pattern : bool, default True
-        PRNU, DSNU, dead and hot pixels.
+    dark_current, fixed_pattern : bool, default True
+        Electrons without light; PRNU, DSNU, dead and hot pixels.
     shot : {"none", "Gaussian", "skewed", "Poisson"}, default "Poisson"
         Distribution of the electrons. "Gaussian" samples whole electrons from a normal distribution
         whose variance is the mean. "skewed" bends that as Poisson's distribution is: see
         `optics.sensor.frame_sampling.electrons_from_normal`. Both sample few electrons, below 10,
         from Poisson's distribution itself.
-    clipping : bool, default True
-        Saturation of the full well and of the converter.
-    read_noise : bool, default True
-        Normal noise of the readout.
-    quantisation : bool, default True
-        Rounding to whole digital numbers.
+    clipping, read_noise, quantisation : bool, default True
+        Saturation of the full well and of the converter; normal noise of the readout; rounding to
+        whole digital numbers.
 
     Raises
     ------
@@ -164,8 +148,7 @@ class Stages:
     quantisation: bool = True
 
     def __post_init__(self) -> None:
-        if self.shot not in ("none", "Gaussian", "skewed", "Poisson"):
-            raise ValueError(f"shot is {self.shot!r}; choose none, Gaussian, skewed or Poisson")
+        require_choice("shot", self.shot, get_args(ShotNoise))
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,11 +171,9 @@ class CollectedCharge:
     @property
     def offset(self) -> torch.Tensor | float:
         """Offsets of the pixels in electrons, float64; 0 where there are none."""
-        return (
-            0.0
-            if self.offset_steps is None
-            else self.offset_steps.to(torch.float64) * self.electrons_per_step
-        )
+        if self.offset_steps is None:
+            return 0.0
+        return self.offset_steps.to(torch.float64) * self.electrons_per_step
 
 
 def collect_electrons(
@@ -200,9 +181,9 @@ def collect_electrons(
 ) -> CollectedCharge:
     """Compute the expected photoelectrons of each pixel at the end of an exposure.
 
-    electrons: from light, over the exposure, of any shape; (rows, columns) of the whole sensor if
-    its pixels differ. Negative ones count as zero. Raises ValueError for numbers that aren't
-    finite, and for a picture of another shape.
+    The electrons from light may have any shape; if pixels differ, that of the whole sensor.
+    Negative ones count as zero. Raises ValueError for numbers that aren't finite, and for a picture
+    of another shape.
     """
     require_positive("exposure", exposure, "s")
     require_finite("electrons", electrons)
@@ -221,3 +202,30 @@ def collect_electrons(
         mean = mean + pattern.hot_current * exposure
     steps = pattern.offset_steps if sensor.dsnu else None
     return CollectedCharge(mean, steps, pattern.electrons_per_step)
+
+
+def mix_neighbours(electrons: torch.Tensor, share: float) -> torch.Tensor:
+    """Return the electrons that pixels collect when each loses some to its neighbours: crosstalk.
+
+    Along rows and along columns, the two neighbours of a pixel get `share` of its electrons each,
+    0 to 1/4. Pixels beyond the sensor's edge are taken to be as bright as those at the edge, so
+    that no light is lost there. Djité et al. 2012, Theoretical models of modulation transfer
+    function, quantum efficiency, and crosstalk for CCD and CMOS image sensors.
+    """
+    for axis in (-2, -1):
+        count = electrons.shape[axis]
+        before = torch.arange(-1, count - 1).clamp(min=0)
+        after = torch.arange(1, count + 1).clamp(max=count - 1)
+        beside = electrons.index_select(axis, before) + electrons.index_select(axis, after)
+        electrons = (1 - 2 * share) * electrons + share * beside
+    return electrons
+
+
+def max_contrast_loss(
+    share: float, frequency: NDArray[np.float64], pitch: float
+) -> NDArray[np.float64]:
+    """Bound what crosstalk takes of the MTF, at cycles per metre in any direction.
+
+    The MTF is the product of 1 - 2 share (1 - cos 2π f pitch) along both axes.
+    """
+    return np.minimum(share * (2 * np.pi * frequency * pitch) ** 2, 1 - (1 - 4 * share) ** 2)

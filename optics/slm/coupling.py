@@ -20,18 +20,13 @@ from torch.nn.functional import pad
 
 from optics.gauss_legendre import gauss_legendre
 
-TOL = 3e-3
-"""Largest error of a pixel's mean field next to the largest phase step; elsewhere it is smaller."""
+TOL = 3e-3  # error of a pixel's mean field next to the largest phase step; smaller elsewhere
+_REACH = 4.9  # standard deviations beyond which a Gaussian holds a millionth of its area
+NodesAndWeights = tuple[np.ndarray, np.ndarray]  # of quadrature, from -1/2 to 1/2 across a pixel
 
-_REACH = 4.9
-"""Standard deviations beyond which a Gaussian holds a millionth of its area."""
-
-NodesAndWeights = tuple[np.ndarray, np.ndarray]
-"""Quadrature nodes from -1/2 to 1/2 across a pixel, and their weights."""
-
+# For each quadrature node along an axis: its weight, and the weights of the neighbouring pixels'
+# phases in the phase at the node.
 QuadratureRule = tuple[tuple[float, tuple[float, ...]], ...]
-"""For each quadrature node along an axis: its weight, and the weights of the neighbouring pixels'
-phases in the phase at the node."""
 
 
 def fringing_field_mean(
@@ -45,16 +40,13 @@ def fringing_field_mean(
     differentiable. The nodes are computed again for the gradient, so that the memory stays that of
     a few pictures. Raises ValueError for phase steps that need more than 32 nodes.
 
-    phase: radians, (..., rows, columns).
-    sigma: standard deviation of the blur, in pixels.
-    side: side of the square that modulates, in pixels.
-    nodes: points along a pixel's side of which the mean is taken; by default as many as the largest
-        phase step needs to keep the error to TOL.
+    phase: radians, (..., rows, columns). sigma: standard deviation of the blur, in pixels. side: of
+    the square that modulates, in pixels. nodes: points along a pixel's side of which the mean is
+    taken; by default as many as the largest phase step needs to keep the error to TOL.
     """
     if nodes is None:
         down, along = (
-            _quadrature_rule(sigma, side, _round_up_step(_largest_step(phase, axis)))
-            for axis in (-2, -1)
+            _quadrature_rule(sigma, side, _rounded_largest_step(phase, axis)) for axis in (-2, -1)
         )
     else:
         down = along = _nodes(sigma, _gauss_nodes_on((-side / 2, side / 2), nodes))
@@ -119,23 +111,16 @@ def _filter_axis_transpose(
     return total
 
 
-def _largest_step(phase: torch.Tensor, axis: int) -> float:
-    """Return the largest phase step between neighbours along an axis, in radians."""
+def _rounded_largest_step(phase: torch.Tensor, axis: int) -> float:
+    """Return the largest phase step along an axis, up to a power of √2: few rules are cached."""
     steps = phase.detach().diff(dim=axis)
-    return float(steps.abs().max()) if steps.numel() else 0.0
-
-
-def _round_up_step(step: float) -> float:
-    """Round a phase step up to a power of √2, so that few quadrature rules are cached."""
+    step = float(steps.abs().max()) if steps.numel() else 0.0
     return 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
 
 
 @lru_cache(maxsize=256)
 def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
-    """Find the fewest nodes that average a pixel's field with an error of at most TOL.
-
-    The pixel lies next to a phase step of `step` radians.
-    """
+    """Find the fewest nodes that average the field, next to a phase step, with an error of TOL."""
     if step == 0:
         return ((1.0, (1.0,)),)
     known = _test_phases(step, _neighbour_reach(sigma, side))
@@ -188,10 +173,7 @@ def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarra
 
 
 def _test_phases(step: float, beside: int) -> np.ndarray:
-    """Return an edge, a line, stripes, a slope and a valley around a pixel, (cases, neighbours).
-
-    step: the phase step in radians. beside: neighbours on each side.
-    """
+    """Return an edge, a line, stripes, a slope and a valley around a pixel, (cases, neighbours)."""
     n = np.arange(-beside, beside + 1)
     edge, line, stripes = n > 0, n == 0, n % 2
     slope, valley = np.sign(n), np.where(n < 0, 0.5, n > 0)

@@ -13,17 +13,16 @@ import numpy as np
 import torch
 
 from optics.gauss_legendre import gauss_legendre
+from optics.validation import require_amount, require_positive
 
-_MOST_NODES = 40
-"""Largest number of nodes of a mean over a frame; chosen."""
+_MOST_NODES = 40  # of a mean over a frame; chosen
 
 
 def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
     """Compute the phase as each frame of an endlessly repeated video begins.
 
-    phases: (frames, ...), the phase at which each frame would settle, radians. frame_time, tau:
-    seconds; with tau 0 the phase settles at once. The first frame's start is the geometric sum
-    over all earlier cycles, and the others follow frame by frame. Differentiable.
+    The phases at which frames would settle are (frames, ...). Times are in seconds; with tau 0 the
+    phase settles at once. Differentiable.
     """
     start = first_start_phase(phases, frame_time, tau)
     starts = []
@@ -34,7 +33,7 @@ def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> 
 
 
 def first_start_phase(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
-    """Compute the phase as the first frame begins: the first entry of `steady_start_phases()`."""
+    """Compute the phase as the first frame begins: the geometric sum over all earlier cycles."""
     _require_times(frame_time, tau)
     if not len(phases):
         raise ValueError("phases has no frame; a video has one at least")
@@ -56,12 +55,11 @@ def relaxed_phase(end: torch.Tensor, start: torch.Tensor, time: float, tau: floa
 def time_nodes(
     frame_time: float, tau: float, count: int
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return times in seconds, and shares, for the mean light while the crystal relaxes.
+    """Return times in seconds, and their shares of the mean light, while the crystal relaxes.
 
-    The nodes are times in seconds, with their shares of the mean over one frame. The rule is that
-    of Gauss with `count` nodes in the variable exp(-t / tau). The light is an entire function of
-    this variable for any phase, and the rule is exact for polynomials of it up to the degree 2
-    count - 1. With tau 0, or for a crystal far quicker than a frame, there may be fewer nodes.
+    The rule is that of Gauss with `count` nodes in the variable exp(-t / tau), of which the light
+    is an entire function for any phase; it is exact for polynomials up to the degree 2 count - 1.
+    With tau 0, or for a crystal far quicker than a frame, there may be fewer nodes.
     """
     _require_times(frame_time, tau)
     if count < 1:
@@ -75,23 +73,24 @@ def time_nodes(
 def time_node_count(change: float, frame_time: float, tau: float, tol: float) -> int:
     """Find the fewest time nodes that average over the relaxation within `tol`.
 
-    tol: error of the mean of exp(i change exp(-t / tau)). change: largest change of the phase
-    within a frame, radians.
+    That is the error of the mean of exp(i change exp(-t / tau)), for the largest change of the
+    phase within a frame in radians.
     """
     if tau == 0:
         return 1
-    fine = _mean(change, *_time_quadrature(frame_time / tau, _MOST_NODES))
+
+    def mean(count: int) -> complex:
+        left, shares = _time_quadrature(frame_time / tau, count)
+        return complex(np.exp(1j * change * np.array(left)) @ np.array(shares))
+
+    fine = mean(_MOST_NODES)
     for count in range(1, _MOST_NODES):
-        if abs(_mean(change, *_time_quadrature(frame_time / tau, count)) - fine) <= tol:
+        if abs(mean(count) - fine) <= tol:
             return count
     raise ValueError(
         f"the phase changes by {change:.3g} rad within a frame, more than can be followed; "
         "wrap the video's phases into the panel's range"
     )
-
-
-def _mean(change: float, left: tuple[float, ...], shares: tuple[float, ...]) -> complex:
-    return complex(np.exp(1j * change * np.array(left)) @ np.array(shares))
 
 
 @lru_cache(maxsize=256)
@@ -140,7 +139,5 @@ def _gauss_rule_of_measure(
 
 
 def _require_times(frame_time: float, tau: float) -> None:
-    if not 0 < frame_time < math.inf:
-        raise ValueError(f"frame_time is {frame_time:g} s; it must be positive and finite")
-    if not 0 <= tau < math.inf:
-        raise ValueError(f"tau is {tau:g} s; it can't be negative or infinite")
+    require_positive("frame_time", frame_time, "s")
+    require_amount("tau", tau, "s")

@@ -13,10 +13,7 @@ from optics.validation import accepts_numpy, require_finite
 
 
 def flatness_phase(panel: Panel, wavelength: float) -> torch.Tensor:
-    """Compute the phase of the known flatness in radians, (rows, columns) float64.
-
-    Flatness is an optical path, so that its phase is proportional to 1/wavelength.
-    """
+    """Compute the phase of the known flatness, an optical path, in radians, (rows, columns)."""
     assert panel.flatness is not None
     return panel.flatness.at_pixels(panel) * (2 * math.pi / wavelength)
 
@@ -30,10 +27,8 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
 
     Parameters
     ----------
-    panel : Panel
-        The panel.
-    grey : torch.Tensor or numpy.ndarray
-        Whole levels, (..., rows, columns); of any shape if the panel is uniform.
+    panel, grey : Panel, torch.Tensor or numpy.ndarray
+        The panel, and whole levels, (..., rows, columns); of any shape if the panel is uniform.
     wavelength : float
         Metres.
 
@@ -45,8 +40,7 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
     Raises
     ------
     ValueError
-        If the panel lacks a level, the shape isn't the panel's, or the wavelength is outside the
-        panel's table.
+        If the panel lacks a level, or the shape or the wavelength isn't the panel's.
     """
     require_levels(panel, grey)
     curves = _phase_curves(panel, wavelength)
@@ -67,16 +61,13 @@ def phase_to_grey(
     """Compute the grey levels that give a phase to light of a wavelength.
 
     The panel's flatness is subtracted first if it is known. To show a phase uncorrected, use
-    ``replace(panel, flatness=None)``. Each pixel gets the nearest
-    level on its own curve. The levels are continuous in the phase, except for the jumps at which
-    the phase is wrapped.
+    ``replace(panel, flatness=None)``. Each pixel gets the nearest level on its own curve. The
+    levels are continuous in the phase, except for the jumps at which the phase is wrapped.
 
     Parameters
     ----------
-    panel : Panel
-        The panel.
-    phase : torch.Tensor or numpy.ndarray
-        Radians, (..., rows, columns); of any shape if the panel is uniform.
+    panel, phase : Panel, torch.Tensor or numpy.ndarray
+        The panel, and radians, (..., rows, columns); of any shape if the panel is uniform.
     wavelength : float
         Metres.
     orders : int, optional
@@ -91,12 +82,12 @@ def phase_to_grey(
     Raises
     ------
     ValueError
-        If the panel's range is fewer waves, for a phase that isn't finite, and for a wavelength
-        outside the panel's table.
+        If the panel's range is fewer waves, the phase isn't finite, or the wavelength isn't the
+        panel's.
     """
     require_finite("phase", phase)
+    require_orders(panel, wavelength, orders)
     curves = _phase_curves(panel, wavelength).detach()
-    _require_orders(panel, wavelength, curves, orders)
     phase = phase.to(torch.float64)
     if panel.flatness is not None:
         _require_shape("phase", phase, panel)
@@ -117,49 +108,35 @@ def is_uniform(panel: Panel) -> bool:
 
 
 def whole_waves(panel: Panel, wavelength: float) -> int:
-    """Return the number of whole waves in the phase range; 0 if it is below one wave.
-
-    The smallest range of all regions counts.
-    """
-    return _whole_waves(panel, _phase_curves(panel, wavelength).detach())
+    """Return the number of whole waves in the phase range; 0 if it is below one wave."""
+    return _range_in_waves(_phase_curves(panel, wavelength))[1]
 
 
 def require_orders(panel: Panel, wavelength: float, orders: int) -> None:
     """Raise ValueError if the phase range is less than `orders` whole waves anywhere."""
-    _require_orders(panel, wavelength, _phase_curves(panel, wavelength).detach(), orders)
-
-
-def _phase_curves(panel: Panel, wavelength: float) -> torch.Tensor:
-    """Return the phase of all grey levels in each region, in radians.
-
-    The result is (region rows, region columns, levels), float64.
-    """
-    reach = max_phase(panel, wavelength)
-    if panel.response is None:
-        return (torch.arange(panel.levels, dtype=torch.float64) * (reach / (panel.levels - 1)))[
-            None, None
-        ]
-    return reach * panel.response.at(wavelength)
-
-
-def _whole_waves(panel: Panel, curves: torch.Tensor) -> int:
-    reach = float((curves[..., -1] - curves[..., 0]).min())
-    # A range one level short of a whole wave is enough: the next level would repeat the first.
-    return math.floor(reach / (2 * math.pi * (1 - 1 / panel.levels)) + 1e-12)
-
-
-def _require_orders(panel: Panel, wavelength: float, curves: torch.Tensor, orders: int) -> None:
-    waves = _whole_waves(panel, curves)
-    reach = float((curves[..., -1] - curves[..., 0]).min()) / math.pi
-    said = f"the panel reaches {reach:.2f} pi at {wavelength * 1e9:.0f} nm"
+    reach, waves = _range_in_waves(_phase_curves(panel, wavelength))
+    said = f"the panel reaches {reach / math.pi:.2f} pi at {wavelength * 1e9:.0f} nm"
     if waves == 0:
         raise ValueError(f"{said} and a pattern needs 2 pi; choose a shorter wavelength")
     if not (1 <= orders <= waves and orders == int(orders)):
-        raise ValueError(f"orders is {orders}; {said}: choose {_up_to(waves)}")
+        several = f" to {waves}" if waves > 1 else ""
+        raise ValueError(f"orders is {orders}; {said}: choose 1{several}")
 
 
-def _up_to(waves: int) -> str:
-    return "1" if waves == 1 else f"1 to {waves}"
+def _phase_curves(panel: Panel, wavelength: float) -> torch.Tensor:
+    """Return all levels' phase in radians, (region rows, region columns, levels), float64."""
+    reach = max_phase(panel, wavelength)
+    if panel.response is not None:
+        return reach * panel.response.at(wavelength)
+    levels = torch.arange(panel.levels, dtype=torch.float64)
+    return (levels * (reach / (panel.levels - 1)))[None, None]
+
+
+def _range_in_waves(curves: torch.Tensor) -> tuple[float, int]:
+    """Return the smallest phase range of all regions in radians, and the whole waves in it."""
+    reach = float((curves[..., -1] - curves[..., 0]).detach().min())
+    # A range one level short of a whole wave is enough: the next level would repeat the first.
+    return reach, math.floor(reach / (2 * math.pi * (1 - 1 / curves.shape[-1])) + 1e-12)
 
 
 def _wrap_phase(phase: torch.Tensor, first: torch.Tensor, period: float) -> torch.Tensor:
@@ -199,35 +176,27 @@ class _RowCurves:
         zero = torch.zeros_like(phase, dtype=torch.int64)
         first, period = self.phase(zero), 2 * math.pi * orders
         wanted = _wrap_phase(phase, first, period)
-        level = self._bisect_levels(wanted, zero)
-        miss = (self.phase(level) - wanted).abs()
-        # A phase one period beyond the first level is shown by the first level.
-        return torch.where(first + period - wanted <= miss, zero, level).to(torch.uint8)
-
-    def _bisect_levels(self, phase: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """Find the grey levels nearest to a phase by bisection.
-
-        A level's number is the count of midpoints between neighbouring levels that lie below the
-        phase.
-        """
+        # By bisection: a level's number is the count of midpoints between neighbouring levels that
+        # lie below the phase, with none after the last level.
         middles = (self._curves[..., 1:] + self._curves[..., :-1]) / 2
-        # There is no midpoint after the last level.
         middles = torch.nn.functional.pad(middles, (0, 1), value=math.inf)
+        level = zero
         for bit in reversed(range((self._levels - 1).bit_length())):
             tried = level + (1 << bit)
             fits = tried < self._levels
             at = torch.where(fits, tried, 1) - 1
-            level = torch.where(fits & (self.phase(at, middles) < phase), tried, level)
-        return level
+            level = torch.where(fits & (self.phase(at, middles) < wanted), tried, level)
+        miss = (self.phase(level) - wanted).abs()
+        # A phase one period beyond the first level is shown by the first level.
+        return torch.where(first + period - wanted <= miss, zero, level).to(torch.uint8)
 
 
 def _row_curves(panel: Panel, curves: torch.Tensor) -> Iterator[tuple[slice, _RowCurves]]:
     """Yield blocks of 64 rows with their phase curves, so that the memory is bounded."""
     rows, columns = panel.shape
     before, behind, share = neighbouring_cells(curves.shape[0], rows)
-    size = 64
-    for start in range(0, rows, size):
-        block = slice(start, min(start + size, rows))
+    for start in range(0, rows, 64):
+        block = slice(start, min(start + 64, rows))
         low, high = curves[before[block]], curves[behind[block]]
         yield block, _RowCurves(torch.lerp(low, high, share[block, None, None]), columns)
 
@@ -258,17 +227,13 @@ def require_grey(panel: Panel, grey: np.ndarray) -> None:
 
     Parameters
     ----------
-    panel : Panel
-        The panel.
-    grey : numpy.ndarray
-        Grey levels, uint8, (rows, columns) of the panel.
+    panel, grey : Panel, numpy.ndarray
+        The panel, and grey levels, uint8, (rows, columns) of the panel.
 
     Raises
     ------
-    TypeError
-        If the array's type isn't uint8.
-    ValueError
-        If the array's shape isn't the panel's, or the panel lacks one of its levels.
+    TypeError, ValueError
+        If the array's type isn't uint8, its shape isn't the panel's, or the panel lacks a level.
     """
     if grey.dtype != np.uint8:
         raise TypeError(f"the pattern's type is {grey.dtype}; the panel shows uint8 grey levels")

@@ -10,7 +10,6 @@ import torch
 
 from optics.slm.coupling import fringing_field_mean
 from optics.slm.dynamics import first_start_phase, relaxed_phase, time_node_count, time_nodes
-from optics.slm.gap import gap_amplitude
 from optics.slm.lut import flatness_phase, grey_to_phase, is_uniform, phase_to_grey, require_levels
 from optics.slm.panel import Panel, max_phase
 from optics.validation import accepts_numpy, require_finite
@@ -19,11 +18,11 @@ from optics.validation import accepts_numpy, require_finite
 def flicker_nodes(flicker: float, phase: float, tol: float) -> list[tuple[float, float]]:
     """Return quadrature nodes for the mean over flicker: shares of time, and factors of the phase.
 
-    The factors replace 1 + flicker sin. phase: the largest phase in radians. The rule is that of
-    Gauss for the mean over a sine (Chebyshev nodes). It has as few nodes as give the mean of exp(i
-    phase flicker sin), which is Bessel's J0, with an error of at most tol. The error of k nodes is
-    2 J_2k, which is below 2 (half the argument)^2k / (2k)!. Raises ValueError for a phase that
-    needs 64 nodes or more.
+    The factors replace 1 + flicker sin. The rule is that of Gauss for the mean over a sine
+    (Chebyshev nodes). For the largest phase in radians, it has as few nodes as give the mean of
+    exp(i phase flicker sin), which is Bessel's J0, with an error of at most tol. The error of k
+    nodes is 2 J_2k, which is below 2 (half the argument)^2k / (2k)!. Raises ValueError for a phase
+    that needs 64 nodes or more.
     """
     if flicker == 0:
         return [(1.0, 1.0)]
@@ -40,9 +39,7 @@ def flicker_nodes(flicker: float, phase: float, tol: float) -> list[tuple[float,
 
 
 def scattered_share(jitter: float) -> float:
-    """Compute the share of light that jitter scatters.
-
-    jitter: a normal phase error, radians rms.
+    """Compute the share of light that jitter scatters, a normal phase error in radians rms.
 
     The mean fields of independent pixels, exp(-jitter²/2) each, add coherently. The rest of the
     power, a share of 1 - exp(-jitter²), adds in intensity and is spread evenly, apart from the
@@ -69,12 +66,30 @@ def transmitted_unmodulated_share(panel: Panel) -> float:
     return (1 - front_reflection_share(panel)) * panel.unmodulated
 
 
-TOL = 1e-2
-"""Largest error of a mean over a frame, for the two pixels whose phases change most differently.
-The error of pictures is far smaller."""
+def gap_amplitude(panel: Panel) -> float:
+    """Compute the amplitude that the gap between pixels adds to a pixel's field, relative to it.
 
-FLICKER_TOL = 1e-3
-"""Largest error of a mean over the flicker, for the pixel of the largest phase."""
+    The gap is a frame with (1 - F) / F of the active area of a pixel with fill factor F. Its light
+    adds coherently. The amplitude is exact on the axis. A PSFOperator spreads this light like that
+    of the pixel's active square, although a frame spreads it differently. At a share u of the way
+    to the panel's first diffraction order, along an axis, the error of the field is gap_reflection
+    times (sinc(u) - sinc(u sqrt(F))) / F. For F = 0.87 this factor is 0.015 at a quarter and 0.05
+    at half of the way. In the first order itself a bright gap would weaken the light, while it
+    strengthens the light in this model.
+    """
+    return panel.gap_reflection * (1 - panel.fill_factor) / panel.fill_factor
+
+
+def max_gap_power(panel: Panel) -> float:
+    """Return the largest power of the field with gaps, over that of the pixels alone."""
+    return (1 + gap_amplitude(panel)) ** 2
+
+
+# Largest error of a mean over a frame, for the two pixels whose phases change most differently. The
+# error of pictures is far smaller.
+TOL = 1e-2
+
+FLICKER_TOL = 1e-3  # largest error of a mean over flicker, for the pixel of the largest phase
 
 
 class Modulator:
@@ -116,12 +131,12 @@ class Modulator:
         A field of None is 1 everywhere. Light that passed the panel has the phase of its flatness;
         light that the cover glass reflected doesn't.
         """
-        shares = [
-            (front_reflection_share(self.panel), self._illumination_amplitude),
-            (transmitted_unmodulated_share(self.panel), self._static_factor),
-        ]
-        if self.panel.flatness is None:
-            shares = [(self.unmodulated_share, self._illumination_amplitude)]
+        shares = [(self.unmodulated_share, self._illumination_amplitude)]
+        if self.panel.flatness is not None:
+            shares = [
+                (front_reflection_share(self.panel), self._illumination_amplitude),
+                (transmitted_unmodulated_share(self.panel), self._static_factor),
+            ]
         return [(share, field) for share, field in shares if share > 0]
 
     @property
@@ -130,56 +145,34 @@ class Modulator:
         return scattered_share(self.panel.jitter) if self.panel.jitter else 0.0
 
     def phase(self, grey: torch.Tensor) -> torch.Tensor:
-        """Compute the settled phase of grey levels in radians, as `grey_to_phase` does.
+        """Compute the settled phase of grey levels, as `grey_to_phase` does.
 
-        The result is float64. Dispersion and response are included; the coupling of neighbouring
-        pixels isn't.
+        Dispersion and response are included; the coupling of neighbouring pixels isn't.
         """
         return grey_to_phase(self.panel, grey, self.wavelength)
 
     def grey(self, phase: torch.Tensor, orders: int = 1) -> torch.Tensor:
-        """Compute the grey levels that give light a phase, as `phase_to_grey` does.
-
-        Parameters
-        ----------
-        phase : torch.Tensor or numpy.ndarray
-            Radians, (..., rows, columns).
-        orders : int, optional
-            Number of waves of the range that are used.
-
-        Returns
-        -------
-        torch.Tensor or numpy.ndarray
-            Grey levels, uint8.
-        """
+        """Compute the grey levels that give light a phase, as `phase_to_grey` does."""
         return phase_to_grey(self.panel, phase, self.wavelength, orders)
 
     @accepts_numpy
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
-        """Compute the complex field of each pixel from the displayed phase.
+        """Compute the complex field of each pixel from the displayed phase, (..., rows, columns).
 
         The field is the mean of exp(i phase) over the pixel's active area, with the phase blurred
         by the coupling. The gap's light is added. The sum is multiplied by the phase factor of the
         flatness and by the amplitude of the illumination, whose mean square over the panel is 1.
-        Without the gap's light and an illumination its magnitude is at most 1. The field is
-        differentiable in the phase.
+        Without the gap's light and an illumination its magnitude is at most 1.
 
-        Parameters
-        ----------
-        phase : torch.Tensor or numpy.ndarray
-            Radians as displayed, wrapped as the panel wraps, (..., rows, columns).
-
-        Returns
-        -------
-        torch.Tensor or numpy.ndarray
-            The field, (..., rows, columns): complex64 for a float32 phase, complex128 for float64.
-
-        Raises
-        ------
-        ValueError
-            If the phase's shape isn't the panel's, or the phase isn't finite.
+        The phase is in radians, wrapped as the panel wraps. The field is complex64 for a float32
+        phase and complex128 for float64, and differentiable in the phase. Raises ValueError if the
+        phase's shape isn't the panel's, or the phase isn't finite.
         """
-        self._require_phase(phase)
+        if not phase.is_floating_point():
+            raise ValueError(f"phase is {phase.dtype}; give radians as float32 or float64")
+        if tuple(phase.shape[-2:]) != self.panel.shape:
+            raise ValueError(f"phase is {tuple(phase.shape)}; the panel has {self.panel.shape}")
+        require_finite("phase", phase)
         return self._with_static_factor(self._pixel_field(phase))
 
     def modulation_of_grey(
@@ -190,22 +183,8 @@ class Modulator:
         It is the `modulation` of the settled `phase`. Where the field of a pixel follows from its
         own level alone, it is computed once for each level and looked up, in a fifth of the time.
 
-        Parameters
-        ----------
-        grey : torch.Tensor
-            Grey levels, (..., rows, columns).
-        dtype : torch.dtype, optional
-            Type of the phase; the default, float32, gives complex64 fields.
-
-        Returns
-        -------
-        torch.Tensor
-            The field, (..., rows, columns).
-
-        Raises
-        ------
-        ValueError
-            If the panel lacks a level, or the shape isn't the panel's.
+        `dtype` is the type of the phase; float32 gives complex64 fields. Raises ValueError if the
+        panel lacks a level, or the shape isn't the panel's.
         """
         panel = self.panel
         if panel.coupling or not is_uniform(panel):
@@ -220,14 +199,12 @@ class Modulator:
     def _pixel_field(self, phase: torch.Tensor) -> torch.Tensor:
         """Compute the field of pixels, without flatness and illumination.
 
-        The phase has the panel's shape where neighbouring pixels are coupled, and any shape
-        otherwise.
+        The phase may have any shape unless neighbouring pixels are coupled.
         """
         panel = self.panel
         if panel.coupling:
-            field = fringing_field_mean(
-                phase, panel.coupling / panel.pitch, math.sqrt(panel.fill_factor)
-            )
+            side = math.sqrt(panel.fill_factor)
+            field = fringing_field_mean(phase, panel.coupling / panel.pitch, side)
         else:
             field = torch.complex(torch.cos(phase), torch.sin(phase))
         return field + gap_amplitude(panel) if panel.gap_reflection else field
@@ -239,23 +216,10 @@ class Modulator:
     def still_fields(
         self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32, tol: float = FLICKER_TOL
     ) -> list[tuple[float, torch.Tensor]]:
-        """Compute shares of time and fields while still grey levels are shown.
+        """Compute shares of time and fields while still grey levels, (rows, columns), are shown.
 
-        Without flicker there is one pair.
-
-        Parameters
-        ----------
-        grey : torch.Tensor
-            Grey levels, (rows, columns).
-        dtype : torch.dtype, optional
-            Type of the phase; the default, float32, gives complex64 fields.
-        tol : float, optional
-            Largest error of the mean over the flicker.
-
-        Returns
-        -------
-        list of (float, torch.Tensor)
-            Shares of time, whose sum is 1, and fields (rows, columns).
+        Without flicker there is one pair. The phase is of type `dtype`, where float32 gives
+        complex64 fields, and `tol` is the largest error of the mean over the flicker.
         """
         return list(self.iterate_still_fields(grey, dtype=dtype, tol=tol))
 
@@ -272,23 +236,9 @@ class Modulator:
     def flicker_fields(
         self, phase: torch.Tensor, *, dtype: torch.dtype | None = None, tol: float = FLICKER_TOL
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Yield shares of time and fields of a phase that is constant but for flicker.
+        """Yield shares of time and fields of a phase, in radians, that is constant but for flicker.
 
-        Differentiable in the phase.
-
-        Parameters
-        ----------
-        phase : torch.Tensor
-            Radians, (rows, columns).
-        dtype : torch.dtype, optional
-            The type in which the phase is modulated; the phase's own by default.
-        tol : float, optional
-            Largest error of the mean over the flicker.
-
-        Yields
-        ------
-        tuple of (float, torch.Tensor)
-            A share of time and its field (rows, columns).
+        Differentiable in the phase, which is modulated in its own type unless `dtype` is given.
         """
         flicker, nodes = self.panel.flicker, [(1.0, 1.0)]
         if flicker:
@@ -306,27 +256,11 @@ class Modulator:
         dtype: torch.dtype | None = None,
         tol: float = TOL,
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Yield shares of time and fields while the phase changes from one to another.
+        """Yield shares of time and fields while the crystal relaxes from one phase to another.
 
-        The liquid crystal relaxes from one to the other.
-
-        Parameters
-        ----------
-        start : torch.Tensor
-            The phase at the beginning in radians, (rows, columns).
-        end : torch.Tensor
-            The phase towards which the crystal relaxes, in radians.
-        seconds : float
-            Duration of the transition.
-        dtype : torch.dtype, optional
-            The type in which the phase is modulated; the phase's own by default.
-        tol : float, optional
-            Largest error of the mean over that time.
-
-        Yields
-        ------
-        tuple of (float, torch.Tensor)
-            A share of the time and its field (rows, columns). The shares sum to 1.
+        The phases are in radians, (rows, columns), and are modulated in the type `dtype`, by
+        default their own. The transition lasts so many seconds. `tol` is the largest error of the
+        mean over that time, whose shares sum to 1.
         """
         tau, flicker_tol = self.panel.response_time, min(tol, FLICKER_TOL)
         if not tau:
@@ -344,26 +278,13 @@ class Modulator:
     def video_cycle_fields(
         self, video_phase: torch.Tensor, frame_time: float, *, tol: float = TOL
     ) -> Iterator[tuple[int, float, torch.Tensor]]:
-        """Yield frames, shares of time and fields of one cycle of a video.
+        """Yield frames, shares of time and fields of one cycle of a video that repeats forever.
 
-        The video repeats forever. The liquid crystal relaxes to first order, and flickers. Both are
-        averaged over as few nodes as keep `tol`. Each field is computed when it is requested.
-        Differentiable in the phases.
-
-        Parameters
-        ----------
-        video_phase : torch.Tensor
-            The phase at which each frame would settle in radians, (frames, rows, columns).
-        frame_time : float
-            Seconds that a frame is shown.
-        tol : float, optional
-            Largest error of the mean over a frame.
-
-        Yields
-        ------
-        tuple of (int, float, torch.Tensor)
-            The frame's number, a share of the cycle and its field. The shares sum to 1, and those
-            of a frame to 1 / frames.
+        The liquid crystal relaxes to first order, and flickers. Both are averaged over as few nodes
+        as keep `tol`, the largest error of the mean over a frame. Each field is computed when it is
+        requested. Differentiable in the phases, at which the frames, (frames, rows, columns), would
+        settle. A frame is shown for `frame_time` seconds. The shares sum to 1, and those of a frame
+        to 1 / frames.
         """
         tau, count = self.panel.response_time, len(video_phase)
         start = first_start_phase(video_phase, frame_time, tau) if tau else video_phase[-1]
@@ -388,10 +309,3 @@ class Modulator:
             return None if lit is None else lit.to(torch.complex128)
         phase = flatness_phase(panel, self.wavelength)
         return torch.polar(torch.ones_like(phase) if lit is None else lit, phase)
-
-    def _require_phase(self, phase: torch.Tensor) -> None:
-        if not phase.is_floating_point():
-            raise ValueError(f"phase is {phase.dtype}; give radians as float32 or float64")
-        if tuple(phase.shape[-2:]) != self.panel.shape:
-            raise ValueError(f"phase is {tuple(phase.shape)}; the panel has {self.panel.shape}")
-        require_finite("phase", phase)

@@ -13,6 +13,7 @@ import torch
 
 from optics.plane import Plane
 from optics.validation import (
+    require_amount,
     require_finite,
     require_positive,
     require_share,
@@ -34,31 +35,15 @@ def as_float64(values: Any) -> torch.Tensor:
 def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Find the map cells before and behind each pixel along an axis, and the pixel's position.
 
-    The position is the share, from 0 to 1, of the way between the centres of the two cells. The
-    cells are equally wide and cover all pixels. A pixel beyond the outermost centre gets the
-    outermost cell alone. Returns two tensors of indices, int64, and the shares, float64, each
-    (pixels,).
+    The position is the share, from 0 to 1, of the way between the centres of the two cells, of
+    equally wide ones that cover all pixels. A pixel beyond the outermost centre gets the outermost
+    cell alone. Returns two tensors of indices, int64, and the shares, float64, each (pixels,).
     """
     centre = (torch.arange(pixels, dtype=torch.float64) + 0.5) * (cells / pixels) - 0.5
     centre = centre.clamp(0, cells - 1)
     before = centre.floor().to(torch.int64)
     behind = (before + 1).clamp(max=cells - 1)
     return before, behind, centre - before
-
-
-def interpolate_cells(values: torch.Tensor, pixels: int, axis: int) -> torch.Tensor:
-    """Interpolate a map's cell values along an axis to pixels, linearly.
-
-    The values are constant beyond the outermost cells' centres.
-    """
-    if values.shape[axis] == pixels:
-        return values
-    before, behind, share = neighbouring_cells(values.shape[axis], pixels)
-    lengths = [1] * values.ndim
-    lengths[axis] = pixels
-    share = share.to(values).reshape(lengths)
-    low, high = values.index_select(axis, before), values.index_select(axis, behind)
-    return low + share * (high - low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +80,13 @@ class PanelMap:
 
         The values are bilinear between the cells' centres and constant beyond the outermost ones.
         """
-        rows, columns = panel.shape
-        return interpolate_cells(interpolate_cells(self.values, rows, 0), columns, 1)
+        values = self.values
+        for axis, pixels in enumerate(panel.shape):
+            if values.shape[axis] != pixels:
+                before, behind, share = neighbouring_cells(values.shape[axis], pixels)
+                low, high = values.index_select(axis, before), values.index_select(axis, behind)
+                values = low + (share if axis else share[:, None]) * (high - low)
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +99,11 @@ class PhaseResponse:
 
     Parameters
     ----------
-    wavelengths : tuple of float
-        Metres, all different.
-    shares : torch.Tensor or numpy.ndarray
-        Shares of the panel's highest phase, (wavelengths, region rows, region columns, levels);
-        kept as a float64 tensor. Regions are equally large and cover the panel. A share may exceed
-        1, where a panel's range is larger than its table says. The first share needn't be 0.
+    wavelengths, shares : tuple of float, torch.Tensor or numpy.ndarray
+        Metres, all different, and shares of the panel's highest phase, (wavelengths, region rows,
+        region columns, levels); kept as a float64 tensor. Regions are equally large and cover the
+        panel. A share may exceed 1, where a panel's range is larger than its table says. The first
+        share needn't be 0.
 
     Raises
     ------
@@ -139,50 +128,30 @@ class PhaseResponse:
                 f"({len(wavelengths)}), region rows, region columns and levels"
             )
         require_finite("a response", shares)
-        _require_rising(shares.detach(), wavelengths)
+        falls = (shares.detach().diff(dim=-1) < 0).nonzero()
+        if len(falls):
+            w, row, column, level = falls[0].tolist()
+            raise ValueError(
+                f"the response falls from level {level} to {level + 1} at "
+                f"{wavelengths[w] * 1e9:.0f} nm in region ({row}, {column}), and {len(falls)} "
+                "times in all; the phase must grow with the level: smooth the measurement"
+            )
+        if shares.shape[-1] < 2 or not bool((shares[..., -1] > shares[..., 0]).all()):
+            raise ValueError("the response doesn't rise from its first level to its last; it must")
         object.__setattr__(self, "shares", shares)
         object.__setattr__(self, "wavelengths", wavelengths)
 
     @staticmethod
     def from_curve(wavelength: float, shares: Any) -> PhaseResponse:
-        """Build a response of one curve for all pixels and every wavelength.
-
-        Parameters
-        ----------
-        wavelength : float
-            Metres, at which the curve was measured.
-        shares : torch.Tensor or numpy.ndarray
-            Shares of the highest phase, (levels,).
-
-        Returns
-        -------
-        PhaseResponse
-            The response.
-        """
+        """Build a response of one curve of shares, (levels,), for all pixels and wavelengths."""
         return PhaseResponse((wavelength,), as_float64(shares)[None, None, None])
 
     @staticmethod
     def from_phases(panel: Panel, wavelengths: Sequence[float], phases: Any) -> PhaseResponse:
-        """Build a response from measured phases of grey levels.
+        """Build a response from measured phases of grey levels, relative to the panel's highest.
 
-        Parameters
-        ----------
-        panel : Panel
-            The panel; the shares are relative to its highest phase.
-        wavelengths : sequence of float
-            Metres.
-        phases : torch.Tensor or numpy.ndarray
-            Radians, (wavelengths, levels) or (wavelengths, region rows, region columns, levels).
-
-        Returns
-        -------
-        PhaseResponse
-            The response.
-
-        Raises
-        ------
-        ValueError
-            If the phases have another shape.
+        They are in radians, (wavelengths, levels) or (wavelengths, region rows, region columns,
+        levels); for another shape, ValueError is raised.
         """
         phases = as_float64(phases)
         if phases.ndim == 2:
@@ -197,7 +166,6 @@ class PhaseResponse:
 
     @property
     def levels(self) -> int:
-        """Number of grey levels."""
         return self.shares.shape[-1]
 
     @property
@@ -206,11 +174,8 @@ class PhaseResponse:
         return self.shares.shape[1], self.shares.shape[2]
 
     def at(self, wavelength: float) -> torch.Tensor:
-        """Interpolate the curves at a wavelength, as shares of the highest phase.
-
-        The result is (region rows, region columns, levels). wavelength: metres.
-        """
-        order = sorted(range(len(self.wavelengths)), key=lambda k: self.wavelengths[k])
+        """Interpolate the shares at a wavelength, (region rows, region columns, levels)."""
+        order = sorted(range(len(self.wavelengths)), key=self.wavelengths.__getitem__)
         known = [self.wavelengths[k] for k in order]
         if wavelength <= known[0]:
             return self.shares[order[0]]
@@ -221,21 +186,7 @@ class PhaseResponse:
         return self.shares[order[-1]]
 
 
-def _require_rising(shares: torch.Tensor, wavelengths: tuple[float, ...]) -> None:
-    falls = (shares.diff(dim=-1) < 0).nonzero()
-    if len(falls):
-        w, row, column, level = falls[0].tolist()
-        raise ValueError(
-            f"the response falls from level {level} to {level + 1} at "
-            f"{wavelengths[w] * 1e9:.0f} nm in region ({row}, {column}), and {len(falls)} times "
-            "in all; the phase must grow with the level: smooth the measurement"
-        )
-    if shares.shape[-1] < 2 or not bool((shares[..., -1] > shares[..., 0]).all()):
-        raise ValueError("the response doesn't rise from its first level to its last; it must")
-
-
-_MOST_PIXELS = 100_000_000
-"""Pixels of a panel, whose pattern alone takes 0.8 GB. Chosen: twelve times a panel of 4K."""
+_MOST_PIXELS = 100_000_000  # a pattern takes 0.8 GB; chosen: twelve times a panel of 4K
 
 
 @dataclass(frozen=True)
@@ -247,52 +198,37 @@ class Panel:
 
     Parameters
     ----------
-    shape : tuple of int, optional
-        (rows, columns) of pixels.
-    pitch : float, optional
-        Metres between pixels.
+    shape, pitch : tuple of int, float, optional
+        (rows, columns) of pixels, and metres between them.
     fill_factor : float, optional
         Share of a pixel's area that modulates, above 0 and up to 1.
     levels : int, optional
         The number of grey levels, 2 to 256.
     max_phase : tuple of (float, float), optional
         Pairs of a wavelength in metres and the phase in radians at the highest grey level.
-    unmodulated : float, optional
-        Share of the light that leaves the panel unmodulated.
-    reflectivity : float, optional
-        Share of the incident light that leaves the panel.
-    settling : float, optional
-        Seconds from a new frame until its phase is settled.
-    frame_rate : float, optional
-        Rate in Hz at which videos are shown.
-    response : PhaseResponse, optional
-        Shares of the highest phase by grey level; linear by default.
-    response_time : float, optional
-        Seconds, the time constant of the liquid crystal; with 0 the phase settles at once.
+    unmodulated, reflectivity : float, optional
+        Share of the light that leaves the panel unmodulated, and of the incident that leaves it.
+    settling, frame_rate : float, optional
+        Seconds from a new frame until its phase is settled, and rate in Hz of videos.
+    response, response_time : PhaseResponse, float, optional
+        Shares of the highest phase by grey level, linear by default; time constant of the liquid
+        crystal in seconds: with 0 the phase settles at once.
     coupling : float, optional
         Metres, the standard deviation of the Gaussian by which fringing fields blur the phase; up
         to one pitch.
-    flicker : float, optional
-        Amplitude of the phase's ripple, as a share of the phase.
-    jitter : float, optional
-        Root mean square of the independent random phase errors of the pixels, radians.
-    front_reflection : float, optional
-        Share of the light that the cover glass reflects, a part of `reflectivity`.
-    gap_reflection : float, optional
-        Amplitude reflectance of the frame between the pixels, relative to the pixels'.
-    flatness : PanelMap, optional
-        Optical path in metres that the panel adds to the pattern's.
-    illumination : PanelMap, optional
-        Irradiance over the panel, in any unit.
+    flicker, jitter : float, optional
+        Amplitude of the phase's ripple, as a share of the phase; root mean square of the
+        independent random phase errors of the pixels, radians.
+    front_reflection, gap_reflection : float, optional
+        Share of the light that the cover glass reflects, a part of `reflectivity`; amplitude
+        reflectance of the frame between the pixels, relative to the pixels'.
+    flatness, illumination : PanelMap, optional
+        Optical path in metres that the panel adds to the pattern's; irradiance, in any unit.
 
     Raises
     ------
     ValueError
         If a value is out of range, or values contradict each other.
-
-    References
-    ----------
-    Thesis Tables 2.1 and 2.2.
     """
 
     shape: tuple[int, int] = (1080, 1920)
@@ -324,29 +260,15 @@ class Panel:
         require_positive("fill_factor", self.fill_factor, "")
         require_positive("frame_rate", self.frame_rate, "Hz")
         for name in (
-            "fill_factor",
-            "unmodulated",
-            "reflectivity",
-            "flicker",
-            "front_reflection",
+            "fill_factor", "unmodulated", "reflectivity", "flicker", "front_reflection",
             "gap_reflection",
-        ):
+        ):  # fmt: skip
             require_share(name, getattr(self, name))
         require_size("fill_factor", "fill_factor", self.fill_factor)
         for name, unit in (("response_time", "s"), ("coupling", "m"), ("jitter", "rad")):
-            _require_amount(name, getattr(self, name), unit)
+            require_amount(name, getattr(self, name), unit)
         if not 2 <= self.levels <= 256:
             raise ValueError(f"levels is {self.levels}; a panel has at least 2 and at most 256")
-        self._require_range()
-        self._require_consistent_effects()
-        Plane(self.shape, (self.pitch, self.pitch))
-        if math.prod(self.shape) > _MOST_PIXELS:
-            raise ValueError(
-                f"shape {self.shape} has {math.prod(self.shape):.3g} pixels; give (rows, columns) "
-                f"of {_MOST_PIXELS:g} pixels at most"
-            )
-
-    def _require_range(self) -> None:
         if not self.max_phase:
             raise ValueError("max_phase is empty; give the phase range at one wavelength or more")
         for wavelength, phase in self.max_phase:
@@ -358,6 +280,13 @@ class Panel:
                 raise ValueError(
                     f"max_phase has {wavelength * 1e9:g} nm more than once; give it once"
                 )
+        self._require_consistent_effects()
+        Plane(self.shape, (self.pitch, self.pitch))
+        if math.prod(self.shape) > _MOST_PIXELS:
+            raise ValueError(
+                f"shape {self.shape} has {math.prod(self.shape):.3g} pixels; give (rows, columns) "
+                f"of {_MOST_PIXELS:g} pixels at most"
+            )
 
     def _require_consistent_effects(self) -> None:
         """Raise ValueError if values contradict each other."""
@@ -394,13 +323,8 @@ class Panel:
         return math.sqrt(self.fill_factor) * self.pitch
 
 
-def _require_amount(name: str, value: float, unit: str) -> None:
-    if not 0 <= value < math.inf:
-        raise ValueError(f"{name} is {value:g} {unit}; it can't be negative or infinite")
-
-
 def max_phase(panel: Panel, wavelength: float) -> float:
-    """Compute the phase at the highest grey level, at a wavelength.
+    """Compute the phase at the highest grey level, at a wavelength, in radians.
 
     The optical path difference of a nematic cell follows its birefringence, which the extended
     Cauchy equation A + B/wavelength² + C/wavelength⁴ describes across the visible. As many terms
@@ -408,10 +332,8 @@ def max_phase(panel: Panel, wavelength: float) -> float:
 
     Parameters
     ----------
-    panel : Panel
-        The panel.
-    wavelength : float
-        Metres, 0.9 times the smallest to 1.15 times the largest tabulated wavelength.
+    panel, wavelength : Panel, float
+        The panel, and metres: 0.9 times its shortest tabulated wavelength to 1.15 times the last.
 
     Returns
     -------
@@ -449,10 +371,9 @@ def max_phase(panel: Panel, wavelength: float) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _cauchy(table: tuple[tuple[float, float], ...]) -> tuple[float, tuple[float, ...]]:
-    """Fit the Cauchy equation of the liquid crystal's path over wavelengths.
+    """Fit the Cauchy equation of the liquid crystal's path: unit and coefficients.
 
-    Returns the wavelength that serves as the unit, and the coefficients of the powers of (unit /
-    wavelength)².
+    The coefficients are those of the powers of (unit / wavelength)².
     """
     known, path = np.array([(w, phase * w) for w, phase in sorted(table)]).T
     unit = float(known.mean())

@@ -15,9 +15,10 @@ import torch
 from optics.camera import Panel
 from optics.slm.coupling import fringing_field_mean
 from optics.slm.dynamics import first_start_phase, relaxed_phase
-from optics.slm.gap import gap_amplitude, max_gap_power
 from optics.slm.modulator import (
     front_reflection_share,
+    gap_amplitude,
+    max_gap_power,
     scattered_share,
     transmitted_unmodulated_share,
 )

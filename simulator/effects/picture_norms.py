@@ -13,8 +13,8 @@ from scipy.ndimage import minimum_filter1d
 from optics.camera.ghost import total_share
 from optics.formation import spectrum_of_samples
 from optics.plane import centred_crop
-from optics.sensor.crosstalk import max_contrast_loss
-from optics.sensor.shutter import row_starts
+from optics.sensor.readout import row_starts
+from optics.sensor.stages import max_contrast_loss
 from simulator.effects.electron_bounds import (
     area_change,
     dark_current_electrons,

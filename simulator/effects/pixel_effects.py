@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from optics.light.spectrum import Spectrum
-from optics.sensor.crosstalk import max_contrast_loss
+from optics.sensor.stages import max_contrast_loss
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
     all_electrons,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.light.waveform import Waveform
-from optics.sensor.shutter import row_delay, row_starts
+from optics.sensor.readout import row_delay, row_starts
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
     finest_octave_norm,

@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.sensor.shutter import row_starts
+from optics.sensor.readout import row_starts
 from optics.validation import require_positive
 from simulator.panel_content import FrameSequence, PanelState, PictureShares, Span
 from simulator.recipe import Recipe

@@ -11,7 +11,7 @@ import torch
 from optics.caching import ByteCache
 from optics.camera.ghost import total_share
 from optics.formation import rfft2_frequencies
-from optics.sensor.crosstalk import mix_neighbours
+from optics.sensor.stages import mix_neighbours
 from simulator.formation.coarse_orders import CoarseOrders
 from simulator.formation.compositing import Compositor, LightPath, ZerothOrderPath
 from simulator.formation.distorting import DISTORTION_OPERATIONS, distort

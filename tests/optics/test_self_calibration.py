@@ -16,8 +16,7 @@ from optics.multispectral import (
     refine_from_photograph,
     self_calibration,
 )
-from optics.multispectral import self_calibration as corrected_score
-from optics.multispectral.photograph_fit import PhotographFit, busiest_window
+from optics.multispectral.self_calibration import PhotographFit, busiest_window
 from optics.progress import Cancelled, Progress
 
 BAYER = ("RG", "GB")
@@ -61,7 +60,7 @@ def fit(observation, iterations=20) -> PhotographFit:
 def hurry(monkeypatch, iterations) -> None:
     """Small scenes with little blur need few iterations."""
     monkeypatch.setattr(self_calibration, "_ITERATIONS", iterations)
-    monkeypatch.setattr(corrected_score, "_RESPONSE_ITERATIONS", iterations)
+    monkeypatch.setattr(self_calibration, "_RESPONSE_ITERATIONS", iterations)
 
 
 def test_the_prediction_is_a_convolution_behind_the_mosaic():

@@ -14,7 +14,7 @@ from optics.camera import Sensor
 from optics.light import Spectrum
 from optics.sensor import Mosaic, fixed_pattern, row_starts, sample_frame
 from optics.sensor.frame_sampling import electrons_from_normal
-from optics.sensor.shutter import frame_duration
+from optics.sensor.readout import frame_duration
 
 SENSOR = Sensor(shape=(300, 400), prnu=0.01, dsnu=2.0, dead=0.002, hot=0.004, hot_current=500.0,
                 fixed_seed=5)  # fmt: skip

@@ -8,7 +8,7 @@ import torch
 from optics.camera import Camera, Panel, Sensor
 from optics.plane import Plane
 from optics.sensor import moments
-from optics.sensor.shutter import frame_duration
+from optics.sensor.readout import frame_duration
 from simulator.effects.sensor_effects import (
     Clipping,
     DarkCurrent,

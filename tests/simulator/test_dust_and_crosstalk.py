@@ -15,7 +15,7 @@ from optics.caching import ByteCache
 from optics.camera import Camera, Sensor
 from optics.light import Spectrum
 from optics.sensor import Mosaic
-from optics.sensor.crosstalk import mix_neighbours
+from optics.sensor.stages import mix_neighbours
 from simulator.effects.pixel_effects import Dust, PixelCrosstalk
 from simulator.formation.dust_shadows import cast_shadows
 from simulator.imaging import Imaging
