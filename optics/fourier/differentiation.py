@@ -102,6 +102,8 @@ def apply_linear_map(forward: Apply, adjoint: Apply, field: torch.Tensor) -> tor
 
     It is differentiable to any order; neither function needs derivatives of its own.
     """
+    if not records_gradient(field):
+        return forward(field.detach())
     return ShapedMap(forward, adjoint, lambda _: ())(field, ())
 
 
