@@ -1,12 +1,11 @@
 """Merge exposure brackets into high-dynamic-range radiance with variance and state.
 
-The files are in the order of the work: what a merged picture is, the bracket with its noise, the
-samples of some pixels and their weighted mean, pixels in which exposures contradict each other or
-may be clipped, the merge itself, how accurate it is, exposures that differ from what they were said
-to be, the noise that the frames themselves show, defective pixels, 8-bit pictures whose response
-curve isn't known, their exposure times, and frames that moved. A bracket is chosen before it is
-taken: the scene is metered, the exposures are searched for, and a scene that has changed since is
-told.
+The files are in the order of the work: the bracket with its noise and its defective pixels, the
+samples of some pixels and their weighted mean, pixels that may be clipped, the merge itself and the
+time that it takes, how accurate it is, exposures that differ from what they were said to be, the
+noise that the frames themselves show, 8-bit pictures whose response curve isn't known, their
+exposure times, and frames that moved. A bracket is chosen before it is taken: the scene is metered,
+the exposures that a camera can take are searched for, and a scene that has changed since is told.
 """
 
 from optics.hdr.bracket import Bracket, Defects, find_defects

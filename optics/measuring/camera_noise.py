@@ -308,20 +308,7 @@ def characterise_camera(source: PairedFrames) -> CameraNoise:
     if dark.is_coarse:
         # The noise is too small to average over the converter's steps: their rounding is in it.
         offsets = Measured(offsets.value, math.hypot(offsets.sigma, STEP_VARIANCE))
-    level, full_well = dark.black_level, None
-    if clip is not None:
-        # Where steps are coarse, the offset's uncertainty is that of the dark number.
-        own = 0.0 if dark.is_coarse else level.sigma
-        signal = Measured(clip.value - level.value, math.hypot(clip.sigma, own))
-        full_well = electrons(transfer, signal)
-    # Darkness or photon transfer tells the black level, whichever does better.
-    black, offset = level, transfer.offset
-    if dark.is_coarse and offset.sigma <= level.sigma:
-        black = Measured(level.value - offset.value, offset.sigma)
-    taken: dict[float, float] = {}
-    if source.times is not None:
-        for time, pairs in source.light.items():
-            taken[time] = float(np.mean([source.times[index] for pair in pairs for index in pair]))
+    black, full_well = _levels(dark, transfer, clip)
     ratios = np.array([[one.ratio for one in group.light] for group in groups])
     first = dark.points[0]
     return CameraNoise(
@@ -338,7 +325,7 @@ def characterise_camera(source: PairedFrames) -> CameraNoise:
         sensitivity_threshold=threshold,
         dynamic_range=capacity.times(threshold.inverse) if capacity else None,
         snr_max=capacity.root if capacity else None,
-        linearity=measure_linearity(groups, full, taken),
+        linearity=measure_linearity(groups, full, _light_times(source)),
         prnu=(response * (1 / BOX_SHARE)).root if response else None,
         dsnu=offsets.root.times(gain),
         defects=collect_defects([(one.defects, one.rows, one.columns) for one in groups]),
@@ -376,6 +363,24 @@ def _require_rising_light(source: PairedFrames) -> None:
         )
 
 
+def _levels(
+    dark: DarkSignal, transfer: PhotonTransfer, clip: Measured | None
+) -> tuple[Measured, Measured | None]:
+    """Return the black level, DN, and the electrons at which pixels clip, if they do.
+
+    Darkness or photon transfer tells the black level, whichever does better.
+    """
+    level, offset, full_well = dark.black_level, transfer.offset, None
+    if clip is not None:
+        # Where steps are coarse, the offset's uncertainty is that of the dark number.
+        own = 0.0 if dark.is_coarse else level.sigma
+        signal = Measured(clip.value - level.value, math.hypot(clip.sigma, own))
+        full_well = electrons(transfer, signal)
+    if dark.is_coarse and offset.sigma <= level.sigma:
+        level = Measured(level.value - offset.value, offset.sigma)
+    return level, full_well
+
+
 def _sensitivity_threshold(read_noise: Measured, gain: Measured) -> Measured:
     """Return the electrons at which signal and noise are equal (EMVA 1288, equation 27)."""
     variance = read_noise.value**2 + gain.value**2 * STEP_VARIANCE
@@ -383,6 +388,16 @@ def _sensitivity_threshold(read_noise: Measured, gain: Measured) -> Measured:
     slopes = read_noise.value, gain.value * STEP_VARIANCE
     sigma = math.hypot(slopes[0] * read_noise.sigma, slopes[1] * gain.sigma) / (value - 0.5)
     return Measured(value, sigma)
+
+
+def _light_times(source: PairedFrames) -> dict[float, float]:
+    """Return when the light of each exposure time was taken, seconds; empty if unknown."""
+    if source.times is None:
+        return {}
+    return {
+        time: float(np.mean([source.times[index] for pair in pairs for index in pair]))
+        for time, pairs in source.light.items()
+    }
 
 
 def _unevenness(groups: list[GroupStatistics]) -> float:
