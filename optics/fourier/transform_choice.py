@@ -84,7 +84,11 @@ class MatrixTransform(PlaneTransform):
 
 
 def valid_transforms(
-    geometry: FourierGeometry, dtype: torch.dtype, error: float = 0.0
+    geometry: FourierGeometry,
+    dtype: torch.dtype,
+    error: float = 0.0,
+    *,
+    to_few_samples: bool = False,
 ) -> list[PlaneTransform]:
     """List all transforms that are valid for a geometry of two planes.
 
@@ -96,6 +100,9 @@ def valid_transforms(
         complex64 or complex128.
     error : float, optional
         Relative L2 error of the field that a transform may add beyond rounding; none by default.
+    to_few_samples : bool, optional
+        Whether those are left out that are for wide images: where the image has fewer samples than
+        the pupil, as a PSF has, chirp-Z and folded FFTs save a few percent at most.
 
     Returns
     -------
@@ -103,7 +110,7 @@ def valid_transforms(
         The transforms. They allocate their large arrays only when they are called.
     """
     found: list[PlaneTransform] = [MatrixTransform(geometry, dtype)]
-    if isinstance(geometry.pupil, Plane):
+    if isinstance(geometry.pupil, Plane) and not to_few_samples:
         found.append(ChirpTransform(geometry, dtype))
         if CommensurateTransform.is_commensurate(geometry):
             found.append(CommensurateTransform(geometry, dtype))

@@ -138,13 +138,15 @@ class StopEdgeScatter:
     def lens_frequency_shift(self, at: Array) -> Array:
         """Return how far the lens shifts light at points (..., 2), m, in cycles/m."""
         q = self._q
-        place = torch.from_numpy(at / q.radius).requires_grad_()
-        phase = pupil_phase(
-            q.lens, q.object_to_lens_distance, q.wavelength, place[..., 0], place[..., 1]
-        )
-        if not phase.requires_grad:
-            return np.zeros_like(at)
-        (found,) = torch.autograd.grad(phase.sum(), place)
+        # The slope is a derivative, whatever the caller does with derivatives.
+        with torch.enable_grad():
+            place = torch.from_numpy(at / q.radius).requires_grad_()
+            phase = pupil_phase(
+                q.lens, q.object_to_lens_distance, q.wavelength, place[..., 0], place[..., 1]
+            )
+            if not phase.requires_grad:
+                return np.zeros_like(at)
+            (found,) = torch.autograd.grad(phase.sum(), place)
         return np.asarray(found.numpy() / (2 * math.pi * q.radius))
 
     def trace_rays(self, at: Array, behind: Array) -> RaySamples:

@@ -180,7 +180,9 @@ class PanelEngine(BehindPanelEngine):
         self._light_tol = light_tol or max(n.tol, _FINEST_TOL)
         self._set_precision(self._light_tol < 2 * FLOAT32_ARITHMETIC)
         posed = PanelSum(request, self._camera, self._light_tol, self._dtype)
-        offered = posed.interpolated_methods(mirrored=True) if mirrored else posed.methods()
+        offered = (
+            posed.interpolated_methods(mirrored=True) if mirrored else posed.methods(transform)
+        )
         if not offered:
             raise unreachable_tolerance_error(n.tol, math.inf)
         what = f"a PSF of {n.samples.shape[1]}x{n.samples.shape[0]} samples behind a panel"

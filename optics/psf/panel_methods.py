@@ -176,13 +176,13 @@ class PanelSum:
         self.half_turn = step / 2
         """Half of the largest phase change of the wave across a panel pixel, radians."""
 
-    def methods(self) -> list[PanelMethod]:
-        """List the ways to sum over all pixels."""
+    def methods(self, name: str | None) -> list[PanelMethod]:
+        """List the ways to sum over all pixels: those worth planning, and the named one."""
         steps = (math.ceil(self.half_turn / h) for h in (0.5, 1, 2))
         methods = [
             method
             for divisions in sorted({1, *(max(1, step) for step in steps)})
-            for method in self._methods_by_expansion(divisions)
+            for method in self._methods_by_expansion(divisions, name)
         ]
         # The matrices for curved pixels contain the lens' wave and give no derivatives in it.
         if self._separable and not self._differentiable:
@@ -205,7 +205,7 @@ class PanelSum:
         )
         return [PanelMethod(one, PixelGrid(self._panel))] if one.fits else []
 
-    def _methods_by_expansion(self, divisions: int) -> list[PanelMethod]:
+    def _methods_by_expansion(self, divisions: int, name: str | None) -> list[PanelMethod]:
         """List the ways to sum by an expansion of the wave in parts of the pixels."""
         grid = PixelGrid(self._panel, divisions)
         degrees, error = self._needed_degrees(grid)
@@ -214,10 +214,8 @@ class PanelSum:
         nodes = 1 if self._separable or (degrees == 1 and divisions == 1) else degrees + 1
         allowed = max(_TRANSFORM_TOL_SHARE * self._tol, FINEST_GRIDDING)
         geometry = FourierGeometry(grid.points, self._n.samples, self._n.scale)
-        return [
-            PanelMethod(one, grid, degrees, error, nodes, self._separable)
-            for one in valid_transforms(geometry, self._dtype, allowed)
-        ]
+        offered = valid_transforms(geometry, self._dtype, allowed, to_few_samples=name is None)
+        return [PanelMethod(one, grid, degrees, error, nodes, self._separable) for one in offered]
 
     def _needed_degrees(self, grid: PixelGrid) -> tuple[int, float]:
         """Return how many degrees of the wave in a pixel are needed, and the error left."""

@@ -10,12 +10,13 @@ from optics.accuracy import (
     FLOAT32_ARITHMETIC,
     DearerThanOthersError,
     MachineSpeed,
+    cheapest_candidate,
     require_memory,
     unreachable_tolerance_error,
 )
 from optics.camera.pupil import pupil_phase
 from optics.camera.stop_areas import coverage
-from optics.fourier import FourierGeometry, plan_transform
+from optics.fourier import FourierGeometry, valid_transforms
 from optics.plane import Plane
 from optics.psf.engine import CachedPupilWave, PSFEngine
 from optics.psf.phase_factor import wrap_phase
@@ -93,7 +94,11 @@ class SampledEngine(CachedPupilWave, PSFEngine):
         pitch = 2 * q.radius / (self._grid_size - 2)
         self._plane = Plane((self._grid_size, self._grid_size), (pitch, pitch))
         geometry = FourierGeometry(self._plane, q.samples, q.scale)
-        self._transform = plan_transform(geometry, self._dtype, q.budget, error=0.03 * q.tol)
+        self._transform = cheapest_candidate(
+            valid_transforms(geometry, self._dtype, 0.03 * q.tol, to_few_samples=True),
+            q.budget,
+            "a PSF",
+        )
         self.name = f"grid, {self._transform.name}"
         self.sampling = f"{self._grid_size}² samples across the stop"
 
