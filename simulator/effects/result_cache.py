@@ -12,6 +12,8 @@ T = TypeVar("T")
 P = ParamSpec("P")
 Place = tuple[dict[Hashable, Any], Hashable]
 
+_MISSING: Any = object()
+
 
 def _cached_in(
     place: Callable[[Situation], Place],
@@ -29,9 +31,9 @@ def _cached_in(
         def wrapper(s: Situation, /, *args: P.args, **options: P.kwargs) -> T:
             known, beside = place(s)
             causes = (find, beside, args, *options.items())
-            if causes not in known:
-                known[causes] = find(s, *args, **options)
-            found: T = known[causes]
+            found: T = known.get(causes, _MISSING)  # one look-up: a camera takes long to hash
+            if found is _MISSING:
+                found = known[causes] = find(s, *args, **options)
             return found
 
         return wrapper
