@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from optics.slm.dynamics import first_start_phase, relaxed_phase
-from optics.slm.modulator import max_gap_power
+from optics.slm.panel import max_gap_power
 from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
 from simulator.effects.electron_bounds import is_lamp_flickering
 from simulator.effects.field_distance import MARGIN, sample_pixels

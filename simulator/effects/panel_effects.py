@@ -16,11 +16,10 @@ from optics.camera import Panel
 from optics.slm.coupling import fringing_field_mean
 from optics.slm.modulator import (
     front_reflection_share,
-    gap_amplitude,
-    max_gap_power,
     scattered_share,
     transmitted_unmodulated_share,
 )
+from optics.slm.panel import gap_amplitude, max_gap_power
 from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
 from simulator.effects.field_distance import (
     MARGIN,
