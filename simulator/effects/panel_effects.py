@@ -17,11 +17,10 @@ from optics.slm.coupling import fringing_field_mean
 from optics.slm.dynamics import first_start_phase, relaxed_phase
 from optics.slm.modulator import (
     front_reflection_share,
-    gap_amplitude,
-    max_gap_power,
     scattered_share,
     transmitted_unmodulated_share,
 )
+from optics.slm.panel import gap_amplitude, max_gap_power
 from simulator.effects.electron_bounds import is_lamp_flickering
 from simulator.effects.field_distance import (
     MARGIN,

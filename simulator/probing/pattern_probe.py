@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from optics.caching import ByteCache
 from optics.camera import Camera, Panel
 from optics.slm import Modulator
-from optics.slm.modulator import max_gap_power
-from optics.slm.panel import max_phase
+from optics.slm.panel import max_gap_power, max_phase
 from optics.validation import as_number
 from simulator.focus import defocused
 from simulator.panel_at_wavelength import modulator_at
