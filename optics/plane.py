@@ -11,8 +11,7 @@ import torch
 
 from optics.validation import as_number
 
-_LONGEST = 1 << 50
-"""Samples along an axis, whose places are still told apart by doubles."""
+_LONGEST = 1 << 50  # samples along an axis, whose places are still told apart by doubles
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+# Degree of a Zernike polynomial, whose recurrence takes as many steps: its finest ripple is that
+# of a panel of 1000 pixels. Chosen.
 _HIGHEST = 1000
-"""Degree of a Zernike polynomial, whose recurrence takes as many steps: its finest ripple is that
-of a panel of 1000 pixels. Chosen."""
 
 
 def require_zernike_indices(n: int, m: int) -> None:

@@ -20,23 +20,22 @@ from simulator.ledger import Ledger
 from simulator.planning.effect_plan import build_recipe
 from simulator.situation import Situation
 
+# Most pixels of a coarse picture. Chosen: 5 megapixels become 490 x 409, and detail that a coarse
+# picture lacks is less than 8 % of a photograph's norm.
 _PIXELS = 1 << 18
-"""Most pixels of a coarse picture. Chosen: 5 megapixels become 490 x 409, and detail that a coarse
-picture lacks is less than 8 % of a photograph's norm."""
 
-_MEMORY = 128 << 20
-"""Bytes of spectra that are kept for the next patterns. Chosen."""
+_MEMORY = 128 << 20  # bytes of spectra that are kept for the next patterns. Chosen.
 
+# Share of the panel's steps from pixel to pixel that a PSF's window covers. Chosen: the steepest
+# ones are the jumps of the pattern, which send little light anywhere.
 _SHARE = 0.999
-"""Share of the panel's steps from pixel to pixel that a PSF's window covers. Chosen: the steepest
-ones are the jumps of the pattern, which send little light anywhere."""
 
+# Metres on the sensor around the geometric reach of a pattern, for diffraction and aberrations.
+# Chosen.
 _MARGIN = 0.3e-3
-"""Metres on the sensor around the geometric reach of a pattern, for diffraction and aberrations.
-Chosen."""
 
+# Levels of the effects that change a photograph most; the others are left out.
 _LEVELS = {"unmodulated light": 1, "diffraction": 1, "pixel aperture": 1}
-"""Levels of the effects that change a photograph most; the others are left out."""
 
 
 class CoarsePictures:

@@ -44,9 +44,9 @@ class Cache(ByteCache):
             return key in self._entries
 
 
+# Bytes that pictures may keep for later ones: of any sensor, and for each pixel. Chosen: more of
+# them saved little in the bundled plans.
 _LEAST_MEMORY, _MEMORY_PER_PIXEL = 560 << 20, 85
-"""Bytes that pictures may keep for later ones: of any sensor, and for each pixel. Chosen: more of
-them saved little in the bundled plans."""
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,8 @@ from optics.zernike import zernike
 
 ZernikeTerms = tuple[tuple[int, int, float], ...]
 
+# Coefficients below this share of the strongest one are rounding errors. Chosen.
 _NEGLIGIBLE = 1e-12
-"""Coefficients below this share of the strongest one are rounding errors. Chosen."""
 
 
 def shift_aberrations(
@@ -66,10 +66,10 @@ def shift_aberrations(
 Array = NDArray[np.float64]
 Coordinate = TypeVar("Coordinate", float, Array)
 
+# Samples over which a PSF fades to zero beyond its window, so that its Fourier series, which is
+# periodic, has no jump at the edges. A PSF that fills the window, and has 1.05 times the samples
+# that its fringes need, loses 2e-6 of its light.
 _FADE_SAMPLES = 96
-"""Samples over which a PSF fades to zero beyond its window, so that its Fourier series, which is
-periodic, has no jump at the edges. A PSF that fills the window, and has 1.05 times the samples that
-its fringes need, loses 2e-6 of its light."""
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from simulator.formation.nodes import channel_efficiencies, electrons_by_wavelen
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
+# Cells of the panel along each axis, at most, and samples of speckle along a pixel. Chosen: with
+# more samples a pixel shares few grains with its neighbours.
 _PUPIL_CELLS, _MOST_SAMPLES = 96, 4
-"""Cells of the panel along each axis, at most, and samples of speckle along a pixel. Chosen: with
-more samples a pixel shares few grains with its neighbours."""
 
 
 def speckle_variance(s: Situation) -> float:

@@ -18,29 +18,29 @@ from optics.sensor.stages import FEW_ELECTRONS, collect_electrons
 from optics.threads import single_threaded
 from simulator.recipe import Recipe
 
+# Pixels that are drawn together, with a seed of their own. Chosen so that they stay in a core's
+# memory, and torch doesn't divide them among threads.
 _BLOCK_PIXELS = 1 << 15
-"""Pixels that are drawn together, with a seed of their own. Chosen so that they stay in a core's
-memory, and torch doesn't divide them among threads."""
 
+# Electrons of read noise from which on the whole numbers of electrons can't be seen: e^(-π²/2) of
+# a step is left.
 _MIN_READ_NOISE = 0.5
-"""Electrons of read noise from which on the whole numbers of electrons can't be seen: e^(-π²/2) of
-a step is left."""
 
+# Standard deviations from the full well at which a pixel surely is, or isn't, full. Chosen.
 _CLIPPING_SIGMAS = 7.0
-"""Standard deviations from the full well at which a pixel surely is, or isn't, full. Chosen."""
 
+# Mean electrons from which on a normal distribution with the right third moment stands for shot
+# and read noise together: their distributions differ by 6e-5.
 _MIN_MERGED_ELECTRONS = 100.0
-"""Mean electrons from which on a normal distribution with the right third moment stands for shot
-and read noise together: their distributions differ by 6e-5."""
 
+# Mean electrons from which on a skewed normal distribution replaces Poisson's: they differ by
+# 1e-8, and by 1e-6 together with read noise.
 _MIN_SKEWED_ELECTRONS = 1e4
-"""Mean electrons from which on a skewed normal distribution replaces Poisson's: they differ by
-1e-8, and by 1e-6 together with read noise."""
 
+# Share of a block's pixels up to which those that must be drawn stage by stage are drawn once
+# more with such pixels of other blocks. Above, all of the block are drawn stage by stage, which
+# takes three times as long (measured).
 _MAX_SCATTERED_SHARE = 0.5
-"""Share of a block's pixels up to which those that must be drawn stage by stage are drawn once more
-with such pixels of other blocks. Above, all of the block are drawn stage by stage, which
-takes three times as long (measured)."""
 
 
 class FrameSimulator:

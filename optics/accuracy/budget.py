@@ -133,8 +133,8 @@ def plan_budget(budget: Budget | None, calls: int | None) -> Budget:
     return budget if calls is None else replace(budget, calls=calls)
 
 
+# The thread's processor time at which planning has to end, and the seconds it was given.
 _LIMIT: ContextVar[tuple[float, float] | None] = ContextVar("limit", default=None)
-"""The thread's processor time at which planning has to end, and the seconds it was given."""
 
 
 @contextmanager

@@ -28,9 +28,9 @@ from optics.zernike import require_zernike_indices
 
 Array = NDArray[np.float64]
 
+# Points from which the inverse begins, and steps of Newton's method that it takes. Chosen: the
+# first are right to 1e-6, and each step squares that.
 _TABLE, _STEPS = 1025, 4
-"""Points from which the inverse begins, and steps of Newton's method that it takes. Chosen: the
-first are right to 1e-6, and each step squares that."""
 
 
 class RadialDistortion:

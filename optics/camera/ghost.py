@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from optics.validation import require_share
 
+# Range of a ghost's size over the picture's. Chosen: beyond it, it's a dot or an even veil.
 _SMALLEST, _LARGEST = 1e-3, 1e3
-"""Range of a ghost's size over the picture's. Chosen: beyond it, it's a dot or an even veil."""
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,8 @@ MIN_RAY_MATRIX_B_SHARE = 2 / 3
 """Smallest ray matrix element B, as a share of the image distance; a smaller one would need
 samples too fine to be worth their cost."""
 
+# Factor on sampled phase slopes, which might be steeper between the samples; chosen.
 _SLOPE_MARGIN = 1.1
-"""Factor on sampled phase slopes, which might be steeper between the samples; chosen."""
 
 
 def pupil_amplitude(camera: Camera) -> torch.Tensor:

@@ -24,8 +24,7 @@ Array = NDArray[np.float64]
 NEGLIGIBLE = 1e-12
 """Areas and lengths below this, in units of the stop's radius, count as rounding errors."""
 
-_MOST_CORNERS = 5000
-"""Corners of a polygon, whose edges are compared in half a second; chosen."""
+_MOST_CORNERS = 5000  # corners of a polygon, whose edges are compared in half a second; chosen
 
 
 @dataclass(frozen=True)

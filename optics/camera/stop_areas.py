@@ -117,8 +117,7 @@ def _integrate_along_piece(
     return row, column, strip, step, sweep
 
 
-_FEW_EDGES = 32
-"""Edges of a polygon up to which plain Python is as quick; chosen."""
+_FEW_EDGES = 32  # edges of a polygon up to which plain Python is as quick; chosen
 
 Interval = tuple[float, float]
 """First and last angle of an arc, in radians from x towards y; the first is in [0, 2 pi)."""

@@ -23,28 +23,23 @@ from optics.camera.stop import Array, Polygon, Stop
 from optics.camera.stop_areas import Interval, break_radii, open_arcs
 from optics.gauss_legendre import gauss_legendre
 
-_CHUNK_NODES = 1 << 20
-"""Nodes that are computed at a time."""
+_CHUNK_NODES = 1 << 20  # nodes that are computed at a time
 
 _WHAT = "the integral over the stop"
 
-_NodeChunk = tuple[Array, Array, Array]
-"""Positions (y, x) in stop radii, and weights."""
+_NodeChunk = tuple[Array, Array, Array]  # positions (y, x) in stop radii, and weights
 
+# Radii at which open arcs are evaluated to estimate the number of nodes and the arcs' ends.
 _SPARSE_NODES = 16
-"""Radii at which open arcs are evaluated to estimate the number of nodes and the arcs' ends."""
 
-_MANY_ARCS = 32
-"""Open arcs on a circle from which on they are taken together; chosen."""
+_MANY_ARCS = 32  # open arcs on a circle from which on they are taken together; chosen
 
-_RULE_PASSES = 60.0
-"""Passes over a node while a rule is computed; measured."""
+_RULE_PASSES = 60.0  # passes over a node while a rule is computed; measured
 
-_STEPS_PER_ARC = 6.0
-"""Steps of Python for each arc of a rule; measured."""
+_STEPS_PER_ARC = 6.0  # steps of Python for each arc of a rule; measured
 
+# Steps of Python for each edge of a stop's shapes and each radius of its rule; measured.
 _STEPS_PER_EDGE = 2.0
-"""Steps of Python for each edge of a stop's shapes and each radius of its rule; measured."""
 
 
 @dataclass(frozen=True)

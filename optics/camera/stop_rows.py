@@ -22,11 +22,9 @@ Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]
 """A piece of the stop's boundary: x at heights y, in stop radii."""
 
-_SAMPLES = 32
-"""Angles at which the speed of a row's ends is found."""
+_SAMPLES = 32  # angles at which the speed of a row's ends is found
 
-_SPEED_MARGIN = 1.2
-"""Factor on that speed, because the ends are followed at few angles only."""
+_SPEED_MARGIN = 1.2  # factor on that speed, because the ends are followed at few angles only
 
 
 @dataclass(frozen=True)

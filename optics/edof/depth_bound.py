@@ -19,11 +19,10 @@ from optics.validation import accepts_numpy, as_number, require_count
 
 Rule = Literal["gauss-legendre", "midpoint"]
 
+# Points of the quadrature that are in memory at a time; they take 8 MiB an array. Chosen.
 _CHUNK_POINTS = 1 << 20
-"""Points of the quadrature that are in memory at a time; they take 8 MiB an array. Chosen."""
 
-_PARALLEL = 1e-12
-"""Sine of an angle below which a pupil's edge counts as parallel to a line."""
+_PARALLEL = 1e-12  # sine of an angle below which a pupil's edge counts as parallel to a line
 
 
 @dataclass(frozen=True)

@@ -180,10 +180,10 @@ def _join_parity(even: torch.Tensor, odd: torch.Tensor) -> torch.Tensor:
     return joined
 
 
+# Points along a pixel's side at which the blurred phase is taken. Measured for rings of ten foci,
+# .6 pixels and jumps of a wave: OTFs are wrong by .4 %; by 4.5 % with one point, and by .02 %
+# with three.
 _NODES = 2
-"""Points along a pixel's side at which the blurred phase is taken. Measured for rings of ten
-foci, .6 pixels and jumps of a wave: OTFs are wrong by .4 %; by 4.5 % with one point, and by .02 %
-with three."""
 
 
 @dataclass(frozen=True)

@@ -231,15 +231,13 @@ class SeparablePhase(PhaseParametrisation):
         return torch.cat([line[len(line) - count :] for line, count in counts])
 
 
-_DEGREE = 3
-"""Degree of the spline's polynomials: cubic, with continuous curvature."""
+_DEGREE = 3  # degree of the spline's polynomials: cubic, with continuous curvature
 
+# Weight of the parameters' squares in a fit, as a share of the normal matrix' largest entry.
+#
+# It decides where pixels don't, near the centre of a spline with more parameters than radii.
+# Where they do, it changes parameters by about this share.
 _DAMPING = 1e-12
-"""Weight of the parameters' squares in a fit, as a share of the normal matrix' largest entry.
-
-It decides where pixels don't, near the centre of a spline with more parameters than radii. Where
-they do, it changes parameters by about this share.
-"""
 
 
 @dataclass(frozen=True)
@@ -316,8 +314,8 @@ class RadialPhase(PhaseParametrisation):
         return BSpline.design_matrix(place, knots, _DEGREE).tocsr()
 
 
+# Share of a part, in root mean square, that no other parts make up, for its weight to be sure.
 _LEAST_SHARE = 1e-6
-"""Share of a part, in root mean square, that no other parts make up, for its weight to be sure."""
 
 
 class SumOfParts(PhaseParametrisation):

@@ -30,8 +30,8 @@ LightScale = Literal["linear", "srgb"]
 LINEAR_BELOW = 0.0031308
 """Light up to which the sRGB encoding is linear (IEC 61966-2-1)."""
 
+# Weights of red, green and blue in the luminance of linear sRGB (IEC 61966-2-1).
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""Weights of red, green and blue in the luminance of linear sRGB (IEC 61966-2-1)."""
 
 
 @accepts_numpy

@@ -124,8 +124,7 @@ PSFSource = Callable[[PupilPattern, Sequence[float]], torch.Tensor]
 They are in the protocol's window at full resolution, as shares of the open pupil's light.
 """
 
-_TOLERANCE = 1e-3
-"""Largest relative L2 error of a PSF from sampling and arithmetic. Chosen."""
+_TOLERANCE = 1e-3  # largest relative L2 error of a PSF from sampling and arithmetic. Chosen.
 
 ENERGY_TOLERANCE = 4e-2
 """Relative amount by which a PSF may sum to more than the light that its pattern collects.

@@ -174,17 +174,16 @@ ten published depths, whose mean was 2.8 dB higher on the grid than off it; 0.1 
 rings, and less for round stops.
 """
 
+# Difference of a PSF's energy from that expected, as a share of the collected light, that raises
+# an alarm. Chosen: far below the light that a narrow window loses, far above errors of sampling.
 _ENERGY_LIMIT = 0.02
-"""Difference of a PSF's energy from that expected, as a share of the collected light, that raises
-an alarm. Chosen: far below the light that a narrow window loses, far above errors of sampling."""
 
+# Width of a PSF window's rim, as a share of its side, from which lost light is estimated. Chosen.
 _RIM = 0.05
-"""Width of a PSF window's rim, as a share of its side, from which lost light is estimated.
-Chosen."""
 
+# Least share of a PSF's light in the rim from which lost light is estimated. Chosen: with less,
+# little can be lost.
 _RIM_LIGHT = 0.01
-"""Least share of a PSF's light in the rim from which lost light is estimated. Chosen: with less,
-little can be lost."""
 
 
 @dataclass(frozen=True)

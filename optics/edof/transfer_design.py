@@ -16,9 +16,9 @@ WINDOW_REACH = 450
 default. A panel of 1920 pixels of 8 µm before a lens of 100 mm spreads a point at half a metre over
 445 pixels of 3.45 µm to each side where it is focused at infinity."""
 
+# Share by which the light's samples may lie closer than the sensor's pixels, so that fast
+# transforms fit. Measured: .3 % closer changes the criterion of ring patterns by .01 dB.
 _MOST_FINER = 0.01
-"""Share by which the light's samples may lie closer than the sensor's pixels, so that fast
-transforms fit. Measured: .3 % closer changes the criterion of ring patterns by .01 dB."""
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,16 @@ import scipy.fft
 import torch
 from numpy.typing import NDArray
 
+# Cost of each prime factor of an FFT's length, relative to that of a factor of 2.
 _FACTOR_COSTS = {2: 1.0, 3: 1.9, 5: 3.0, 7: 4.4, 11: 8.0}
-"""Cost of each prime factor of an FFT's length, relative to that of a factor of 2."""
 
 
+# Cost of a prime factor beyond those, over its size and in costs of a factor of 2; measured.
 _LARGE_FACTOR_COST = 0.3
-"""Cost of a prime factor beyond those, over its size and in costs of a factor of 2; measured."""
 
+# Time of an FFT by convolution, for lengths with large prime factors, over that of one without;
+# measured for lengths of 307 to 4099.
 _CONVOLUTION_COST = 3.6
-"""Time of an FFT by convolution, for lengths with large prime factors, over that of one without;
-measured for lengths of 307 to 4099."""
 
 
 def fft(

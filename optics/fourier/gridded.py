@@ -17,16 +17,15 @@ from optics.fourier.fitted_interpolation import interpolation_width
 from optics.fourier.separable import AxisRule, SeparableTransform
 from optics.fourier.transform import FourierGeometry
 
-_FINER = 2.0
-"""Oversampling: points of the grid onto which the input is spread, per image sample."""
+_FINER = 2.0  # oversampling: points of the grid onto which the input is spread, per image sample
 
 FINEST_GRIDDING = 1e-13
 """The smallest relative error that gridding reaches in double precision."""
 
 
+# Time to make a rule along one axis, in calls and in Bessel functions for each grid point that a
+# sample is spread to; measured.
 _RULE_CALLS, _KERNELS_PER_TAP = 1.5, 2.0
-"""Time to make a rule along one axis, in calls and in Bessel functions for each grid point that a
-sample is spread to; measured."""
 
 
 class _GriddedRule(AxisRule):

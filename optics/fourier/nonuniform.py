@@ -22,11 +22,9 @@ FINEST_NUFFT = 1e-14
 FINEST_COARSE_NUFFT = 1e-8
 """The smallest relative error that finufft reaches on its coarser internal grid."""
 
-_OVERSAMPLING = 2.0
-"""Samples of finufft's internal grid per image sample along an axis."""
+_OVERSAMPLING = 2.0  # samples of finufft's internal grid per image sample along an axis
 
-_COARSE_OVERSAMPLING = 1.25
-"""The same for the coarser grid."""
+_COARSE_OVERSAMPLING = 1.25  # the same for the coarser grid
 
 
 class NonuniformTransform(Transform):

@@ -65,9 +65,9 @@ _STEPS, _IN_STEP = 60, 20
 _WIDEST = 30.0  # range of the sum of both numbers within a step: curves are straight in it; chosen
 _ROUNDING = 0.06  # deviation of a median that rounding leaves, numbers
 
+# Difference of numbers up to which both may be the darkness or the white of a film, which tells
+# no light, where other numbers differ by more than the second one. Chosen.
 _ALIKE, _APART = 4.0, 10.0
-"""Difference of numbers up to which both may be the darkness or the white of a film, which tells no
-light, where other numbers differ by more than the second one. Chosen."""
 
 
 class _Patches(NamedTuple):
@@ -133,14 +133,14 @@ def _compare_levels(first: _Patches, second: _Patches) -> Array:
     return pairs[:, differ > _ALIKE] if differ.max(initial=0) > _APART else pairs
 
 
+# Knots of the curve's cubic spline, numbers. A logarithm is added to it, which is the curve of
+# any gamma. Chosen: closer where the curve bends.
 _KNOTS = np.array([0.0] * 4 + [20, 40, 64, 96, 128, 160, 192, 216, 236] + [255.0] * 4)
-"""Knots of the curve's cubic spline, numbers. A logarithm is added to it, which is the curve of any
-gamma. Chosen: closer where the curve bends."""
 
+# Weight of the square of the curve's relative bend, its second derivative over the first, at each
+# of the levels below. Chosen on photographs: a tenth of it, or ten times as much, change a factor
+# by .5 %.
 _BEND = 2.4
-"""Weight of the square of the curve's relative bend, its second derivative over the first, at each
-of the levels below. Chosen on photographs: a tenth of it, or ten times as much, change a factor by
-.5 %."""
 
 _LEVELS = np.linspace(12, 250, 100)
 
@@ -152,10 +152,10 @@ _STRAY = 3.0  # robust deviations at which the weight of a pair of numbers is ha
 # Deviation of times' logarithms in the fit of weights: one may be half too long; chosen
 _LOOSE = 0.3
 
+# Logarithm of a factor from which on it is named, standard deviations by which it differs from 1,
+# and the deviation up to which it is known. Chosen: times that are 10 % wrong are to be named;
+# those of sound photographs are found to 1 %, of films to 3 %.
 _NOTABLE, _SURE, _KNOWN = 0.06, 5.0, 0.03
-"""Logarithm of a factor from which on it is named, standard deviations by which it differs from 1,
-and the deviation up to which it is known. Chosen: times that are 10 % wrong are to be named; those
-of sound photographs are found to 1 %, of films to 3 %."""
 
 # Misfit that another time takes away: share, and in light's logarithm; chosen on photographs
 _GAIN, _GAINED = 0.3, 0.015

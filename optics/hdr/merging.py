@@ -257,16 +257,16 @@ def _states(mean: WeightedMean, may_clip: np.float32, moved: Indices) -> NDArray
     return state
 
 
+# Passes over a pixel that any merge takes, in units of `MachineSpeed.touch`. Measured on brackets
+# of two to eight frames.
 _PIXEL_TOUCHES = 32.0
-"""Passes over a pixel that any merge takes, in units of `MachineSpeed.touch`. Measured on brackets
-of two to eight frames."""
 
+# Passes for each frame, by method. Measured likewise.
 _FRAME_TOUCHES = MappingProxyType({"plain": 3.0, "Poisson": 3.0, "Granados": 4.5, "full": 12.0})
-"""Passes for each frame, by method. Measured likewise."""
 
+# Time to find an exposure's estimate near its clip level, in units of `MachineSpeed.call`; for
+# all but the shortest, in the method "full". Measured.
 _CLIPPING_CALLS = 100.0
-"""Time to find an exposure's estimate near its clip level, in units of `MachineSpeed.call`; for all
-but the shortest, in the method "full". Measured."""
 
 
 def merge_seconds(bracket: Bracket, method: Method, speed: MachineSpeed) -> float:

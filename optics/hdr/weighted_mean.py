@@ -104,9 +104,10 @@ Method = Literal["plain", "Poisson", "Granados", "full"]
 METHODS: tuple[Method, ...] = get_args(Method)
 """Ways to merge, the quickest first."""
 
+# Least rate that predicts a variance, over that which makes as much noise as a frame without
+# light has. A rate may be negative by chance: counted as 0, it would make the mean variance too
+# large.
 _LEAST_LIGHT = -0.75
-"""Least rate that predicts a variance, over that which makes as much noise as a frame without light
-has. A rate may be negative by chance: counted as 0, it would make the mean variance too large."""
 
 
 class WeightedMean(NamedTuple):

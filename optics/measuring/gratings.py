@@ -22,9 +22,9 @@ _FALLBACK_PERIODS = (8.7, 7.4, 6.3, 5.3, 4.4)  # panel pixels, tried last
 _ORDERS = ((1, 1.0), (-1, 1.0), (3, 1 / 3), (-3, 1 / 3))
 
 _REGISTRATION_LENGTHS = (0.95, 0.8, 0.95, 0.6, 0.9, 0.75)
+# Lengths, as shares of the longest, and directions in degrees of the registration's gratings. No
+# rotation and no reflection maps this set onto itself.
 _REGISTRATION_ANGLES = (15.0, 80.0, 140.0, 200.0, 255.0, 320.0)
-"""Lengths, as shares of the longest, and directions in degrees of the registration's gratings. No
-rotation and no reflection maps this set onto itself."""
 
 
 def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tuple[slice, slice]]:

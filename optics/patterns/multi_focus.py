@@ -30,16 +30,15 @@ from optics.quarter_symmetry import mirror_quarter, quarter_distances
 
 __all__ = ["even_vergences", "lattice_focal_lens", "multi_focus_rings"]
 
+# The step of an interleaved order, as a share of the number of foci.
+#
+# The golden ratio puts every next focus into the largest gap between the foci before it. Measured
+# for ten foci: of the steps 1, 3, 7 and 9, the nearest to it, 7, has the least expected error of
+# a blind filter with the spectrum of BSDS' photographs.
 _GOLDEN = (math.sqrt(5) - 1) / 2
-"""The step of an interleaved order, as a share of the number of foci.
 
-The golden ratio puts every next focus into the largest gap between the foci before it. Measured for
-ten foci: of the steps 1, 3, 7 and 9, the nearest to it, 7, has the least expected error of a blind
-filter with the spectrum of BSDS' photographs.
-"""
-
+# Circles whose visible areas are computed to find the rings' edges, from the centre outwards.
 _RADII = 100_001
-"""Circles whose visible areas are computed to find the rings' edges, from the centre outwards."""
 
 
 def even_vergences(near: float, far: float, count: int) -> tuple[float, ...]:

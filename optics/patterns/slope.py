@@ -12,8 +12,8 @@ from optics.validation import accepts_numpy, require_finite, rounded_down
 
 __all__ = ["superpose"]
 
+# Factor on the largest allowed phase step, so that rounding errors aren't refused.
 _ROUNDING = 1 + 1e-9
-"""Factor on the largest allowed phase step, so that rounding errors aren't refused."""
 
 
 def largest_phase_step(phase: torch.Tensor, part: torch.Tensor | None = None) -> float:

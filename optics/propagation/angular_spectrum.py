@@ -127,11 +127,11 @@ class FresnelTransfer(ScaledAngularSpectrum):
         return times(times(spectrum, down[:, None]), along)
 
 
+# Time to find a wave's frequencies on the target, in passes over a complex number; measured.
 _TOUCHES_PER_WAVE = 150
-"""Time to find a wave's frequencies on the target, in passes over a complex number; measured."""
 
+# Plane waves whose frequencies are found at once, so that they stay in the processor's caches.
 _BLOCK_WAVES = 1 << 16
-"""Plane waves whose frequencies are found at once, so that they stay in the processor's caches."""
 
 
 class TiltedAngularSpectrum(SpectralPropagator):

@@ -23,8 +23,7 @@ WavePairs = list[tuple[torch.Tensor, torch.Tensor]]
 """The factors before and after the Fourier transform along an axis, for every envelope node."""
 
 
-_PLANNING_CALLS = 14
-"""Processor time of planning chirped transforms, in function calls."""
+_PLANNING_CALLS = 14  # processor time of planning chirped transforms, in function calls
 
 
 @dataclass(frozen=True)

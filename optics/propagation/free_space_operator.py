@@ -39,43 +39,42 @@ from optics.validation import accepts_numpy, require_unchanged_attributes, round
 
 # What follows sets how FreeSpace chooses its plans and which tolerance it advises; all is chosen.
 
+# Share of the tolerance that the first plan keeps, relative to all light of the source. The
+# tolerance on the target then holds if a thousandth of the light reaches it.
 _FIRST_PLAN_TOL_SHARE = 0.03
-"""Share of the tolerance that the first plan keeps, relative to all light of the source. The
-tolerance on the target then holds if a thousandth of the light reaches it."""
 
+# Largest errors from rounding and from sampling that the first plan keeps, relative to all light
+# of the source, where that takes little more time. It hardly takes more where it needs no double
+# precision, and a small error can be told of a dim target.
 _FINE_ROUNDING, _FINE_SAMPLING = 3e-6, 3e-8
-"""Largest errors from rounding and from sampling that the first plan keeps, relative to all light
-of the source, where that takes little more time. It hardly takes more where it needs no double
-precision, and a small error can be told of a dim target."""
 
+# Largest error from rounding that takes double precision, and the largest error from sampling
+# that the first plan then keeps. A second plan would take longer.
 _SINGLE_ROUNDING, _FINEST_SAMPLING = 1.5e-6, 3e-10
-"""Largest error from rounding that takes double precision, and the largest error from sampling that
-the first plan then keeps. A second plan would take longer."""
 
+# Times as long that planning and all calls may take for a fine first plan, and for a margin for
+# dim targets at all.
 _WORTH_FINE, _WORTH_DIM = 1.7, 2.0
-"""Times as long that planning and all calls may take for a fine first plan, and for a margin for
-dim targets at all."""
 
+# Share of the tolerance that a second plan keeps, once the light on the target is known.
 _TIGHT_PLAN_TOL_SHARE = 0.7
-"""Share of the tolerance that a second plan keeps, once the light on the target is known."""
 
+# Share of the light that must reach the target for an advised tolerance to hold, where the advice
+# is given before a field is known.
 _ADVISED_LIGHT_SHARE = 0.5
-"""Share of the light that must reach the target for an advised tolerance to hold, where the advice
-is given before a field is known."""
 
-_DIM_TARGET_SHARE = 0.01
-"""Share of the light below which a target counts as dim."""
+_DIM_TARGET_SHARE = 0.01  # share of the light below which a target counts as dim
 
+# Factor on an advised tolerance, because another plan may find slightly less light.
 _ADVICE_MARGIN = 1.01
-"""Factor on an advised tolerance, because another plan may find slightly less light."""
 
+# Cost of a plan, in function calls, above which a cheaper plan is looked for. Planning itself
+# costs about as much.
 _EXPENSIVE_PLAN_CALLS = 100
-"""Cost of a plan, in function calls, above which a cheaper plan is looked for. Planning itself
-costs about as much."""
 
+# Processor time of choosing a method, and of checking and rescaling a field at each call, in
+# function calls.
 _CHOICE_CALLS, _OVERHEAD_CALLS = 4, 2
-"""Processor time of choosing a method, and of checking and rescaling a field at each call, in
-function calls."""
 
 
 class FreeSpace:

@@ -25,8 +25,7 @@ _Complexes = NDArray[np.complex128]
 _ROOT_I = cmath.exp(0.25j * math.pi)
 _NODES, _WEIGHTS = gauss_legendre(14)
 
-_PART = 1 << 18
-"""Number of integrals that are computed at once."""
+_PART = 1 << 18  # number of integrals that are computed at once
 
 
 def mean_chirp(place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
@@ -148,12 +147,11 @@ def band_kernel(
     return unit_phasor(turns, torch.complex128) * mean
 
 
-_BLOCK_ELEMENTS = 1 << 20
-"""Number of matrix elements that are computed at once. Chosen."""
+_BLOCK_ELEMENTS = 1 << 20  # number of matrix elements that are computed at once. Chosen.
 
+# Memory in bytes per element while it is computed, and processor time per element, in passes over
+# one complex number. The time includes two values of Faddeeva's function.
 _ELEMENT_BYTES, _ELEMENT_TOUCHES = 160, 1500
-"""Memory in bytes per element while it is computed, and processor time per element, in passes over
-one complex number. The time includes two values of Faddeeva's function."""
 
 
 class FresnelMatrices(ParaxialPropagator):

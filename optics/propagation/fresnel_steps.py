@@ -111,13 +111,12 @@ def plan_cell_sampling(
     return CellSampling(n.cells, (nodes[0], nodes[1])), sum(costs)
 
 
+# Positions of the intermediate plane that are tried, over the distance from source to target.
+#
+# Near targets need a plane beyond the target or behind the source, where the chirps vary less.
 _PLANE_POSITIONS = tuple(
     sign * 2.0 ** (k / 2) for k in range(-6, 25) for sign in (1.0, -1.0) if (sign, k) != (1.0, 0)
 )
-"""Positions of the intermediate plane that are tried, over the distance from source to target.
-
-Near targets need a plane beyond the target or behind the source, where the chirps vary less.
-"""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from optics.propagation.paraxial import oversampling_factor, target_ray_frequenc
 from optics.propagation.propagator import Propagator, Share, working_precision
 from optics.propagation.span import FreeSpaceSpan
 
+# Semi-axis sums of the Bernstein ellipses that are tried. Each of them gives a valid bound.
 _RHO = 1 + np.geomspace(1e-3, 1e9, 300)
-"""Semi-axis sums of the Bernstein ellipses that are tried. Each of them gives a valid bound."""
 
 
 def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int) -> int:
@@ -87,18 +87,18 @@ def _carrier_phasor(n: int, turns: float, like: torch.Tensor) -> torch.Tensor:
     return unit_phasor(turns * index, like.dtype).to(like.device)
 
 
+# Most points along an axis in place of one sample: nodes of a cell, or finer samples of a smooth
+# field. Chosen.
 _MAX_POINTS = 1000
-"""Most points along an axis in place of one sample: nodes of a cell, or finer samples of a smooth
-field. Chosen."""
 
+# Pairs of a source point and a target sample per tile, chosen so that they fit in the processor's
+# caches, and source points per tile, unless a single row has more.
 _TILE_PAIRS, _TILE_SOURCE_POINTS = 1 << 16, 1 << 11
-"""Pairs of a source point and a target sample per tile, chosen so that they fit in the processor's
-caches, and source points per tile, unless a single row has more."""
 
+# Memory in bytes per pair of a tile, and processor time of a pair, in passes over one complex
+# number: one phase, computed in float64, and a square root. Single precision would hardly be
+# faster.
 _PAIR_BYTES, _PAIR_TOUCHES = 120, 140
-"""Memory in bytes per pair of a tile, and processor time of a pair, in passes over one complex
-number: one phase, computed in float64, and a square root. Single precision would hardly be
-faster."""
 
 
 def impulse_response(

@@ -68,12 +68,12 @@ def _suits_single_precision(light: torch.Tensor) -> bool:
     return all(1e-20 < one < 1e20 for one in light.flatten().tolist())
 
 
+# Shares of a field's light outside its band that may be rounding errors of an FFT.
 _SINGLE_ROUNDING, _DOUBLE_ROUNDING = 1e-14, 1e-27
-"""Shares of a field's light outside its band that may be rounding errors of an FFT."""
 
+# Time to compute how far Fresnel's transfer function is from the exact one at a frequency, in
+# passes over a complex number; measured.
 _TOUCHES_PER_DEVIATION = 300
-"""Time to compute how far Fresnel's transfer function is from the exact one at a frequency, in
-passes over a complex number; measured."""
 
 
 class SmoothFieldCheck:

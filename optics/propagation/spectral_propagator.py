@@ -22,29 +22,27 @@ from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.transfer_function import free_space_transfer_function
 from optics.validation import as_number, needs_gradient
 
+# Largest relative error for which a band or a transform is planned. Chosen, because the error
+# estimates hold only for small errors.
 _LARGEST_ERROR = 0.1
-"""Largest relative error for which a band or a transform is planned. Chosen, because the error
-estimates hold only for small errors."""
 
-_BLOCK_SIZE = 1 << 18
-"""Frequencies whose transfer function is computed at once. Chosen."""
+_BLOCK_SIZE = 1 << 18  # frequencies whose transfer function is computed at once. Chosen.
 
+# Memory in bytes per frequency while the transfer function is computed; the second where
+# derivatives are recorded.
 _BYTES_PER_FREQUENCY, _RECORDED_BYTES = 64, 160
-"""Memory in bytes per frequency while the transfer function is computed; the second where
-derivatives are recorded."""
 
+# Processor time per frequency of the transfer function, in passes over one complex number.
 _TOUCHES_PER_FREQUENCY = 250
-"""Processor time per frequency of the transfer function, in passes over one complex number."""
 
-_PLANNING_CALLS = 6
-"""Processor time of planning the two transforms, in function calls."""
+_PLANNING_CALLS = 6  # processor time of planning the two transforms, in function calls
 
+# Samples of a period from which on no FFT-friendly length is searched. Chosen.
 _LONGEST_FFT_SEARCH = 1 << 40
-"""Samples of a period from which on no FFT-friendly length is searched. Chosen."""
 
+# Most parts into which a spectrum that doesn't fit in memory is split. Chosen, because more parts
+# would spend their time at the edges.
 _MAX_PARTS = 64
-"""Most parts into which a spectrum that doesn't fit in memory is split. Chosen, because more parts
-would spend their time at the edges."""
 
 
 class SpectrumPart(NamedTuple):

@@ -28,24 +28,19 @@ from optics.psf.request import PSFRequest
 _CHUNK = 1 << 23
 
 
+# Phase of the fastest fringe of the field over half a cell, in radians. More takes fewer radii
+# but polynomials of a higher degree; 4 was measured to be fast.
 _HALF_TURN = 4.0
-"""Phase of the fastest fringe of the field over half a cell, in radians. More takes fewer radii but
-polynomials of a higher degree; 4 was measured to be fast."""
 
-_POLYNOMIAL_TOL_SHARE = 0.1
-"""Share of the tolerance that the polynomials may use. Chosen."""
+_POLYNOMIAL_TOL_SHARE = 0.1  # share of the tolerance that the polynomials may use. Chosen.
 
-_PROBED_SAMPLES = 64
-"""Samples at which the error is measured. Chosen."""
+_PROBED_SAMPLES = 64  # samples at which the error is measured. Chosen.
 
-_PASSES_PER_TERM = 5.0
-"""Passes over a place for each coefficient of the polynomial; measured."""
+_PASSES_PER_TERM = 5.0  # passes over a place for each coefficient of the polynomial; measured
 
-_PLANNING_CALLS = 4.0
-"""Fixed cost of planning in calls; measured."""
+_PLANNING_CALLS = 4.0  # fixed cost of planning in calls; measured
 
-_PLANNING_PASSES = 20.0
-"""Passes over the samples while the error is measured; measured."""
+_PLANNING_PASSES = 20.0  # passes over the samples while the error is measured; measured
 
 
 class AxialEngine(CachedPupilWave, PSFEngine):

@@ -26,9 +26,9 @@ from optics.psf.request import PSFRequest
 from optics.psf.to_lens import PropagatorAxis, PropagatorVariables
 from optics.validation import needs_gradient, rounded_up
 
+# Factor on the tolerance that is advised for a dim window, because another engine's light may
+# differ a little. Chosen.
 _DIM_MARGIN = 1.3
-"""Factor on the tolerance that is advised for a dim window, because another engine's light may
-differ a little. Chosen."""
 
 
 def search_seconds(speed: MachineSpeed) -> float:

@@ -46,17 +46,17 @@ _BAND_TOL_SHARE = 0.5  # for light outside the band of frequencies
 _QUADRATURE_TOL_SHARE = 0.05  # for the quadrature, in the field
 _TRANSFORM_TOL_SHARE = 0.02  # for each non-uniform FFT, in the field
 
+# Largest tolerance for which the quadrature, the transforms and the band's ends are planned.
+# Chosen, so that the error that is told stays below 1e-4.
 _COARSEST_INNER_TOL = 2e-4
-"""Largest tolerance for which the quadrature, the transforms and the band's ends are planned.
-Chosen, so that the error that is told stays below 1e-4."""
 
 # Predicted times, fitted to 60 random chains.
 _FIXED_CALLS = 18.0  # of a PSF, whatever its size, in calls
 _FREQUENCY_PASSES = 95.0  # for each frequency of the panel's spectrum
 _PLANNING_CALLS = 20.0  # of planning, whatever its size, in calls
+# Time to sort a node for the transforms and to compute the lens' wave there, over that of
+# MachineSpeed.point.
 _PLANNED_NODE_POINTS = 10.0
-"""Time to sort a node for the transforms and to compute the lens' wave there, over that of
-MachineSpeed.point."""
 
 _PLANNING_RULES = 2.0  # time to find the nodes, over what `rule_seconds` predicts for a lens alone
 

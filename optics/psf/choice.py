@@ -31,16 +31,16 @@ from optics.validation import rounded_up
 METHODS = ("axial", "scattered", "sampled")
 """Names of the methods for a lens alone. Behind a panel the methods are Fourier transforms."""
 
+# Radians in a lens' wave beyond which numbers of nodes are no exact doubles; nobody can sum so
+# many.
 _COUNTABLE_TURN = 1e15
-"""Radians in a lens' wave beyond which numbers of nodes are no exact doubles; nobody can sum so
-many."""
 
+# Room in a tolerance that is advised for a panel apart from its lens: a window that gets a
+# twentieth to a tenth of an even panel's light is then bright enough.
 _DIM_ROOM = 10.0
-"""Room in a tolerance that is advised for a panel apart from its lens: a window that gets a
-twentieth to a tenth of an even panel's light is then bright enough."""
 
+# Seconds that trying out whether a method keeps a tolerance may take; beyond, its plan counts.
 _LONGEST_TRIAL = 0.2
-"""Seconds that trying out whether a method keeps a tolerance may take; beyond, its plan counts."""
 
 
 def require_method(method: str | None, camera: Camera | None) -> None:
@@ -216,17 +216,13 @@ def _candidate_tolerances(floor: float) -> Iterator[float]:
         floor *= step
 
 
-_TOLERANCES = (10.0, 100.0, 1000.0, 1e4, 1e6)
-"""Multiples of the tolerance that are tried."""
+_TOLERANCES = (10.0, 100.0, 1000.0, 1e4, 1e6)  # multiples of the tolerance that are tried
 
-_SMALLER = (2, 4, 16)
-"""Divisors of the window's sides that are tried."""
+_SMALLER = (2, 4, 16)  # divisors of the window's sides that are tried
 
-_NEARER = (0.5, 0.1, 0.0)
-"""Shares of the defocus at which the object is tried."""
+_NEARER = (0.5, 0.1, 0.0)  # shares of the defocus at which the object is tried
 
-_MEMORY = (1.05, 2.0, 4.0)
-"""Multiples of the memory that a method needs at least, which are tried."""
+_MEMORY = (1.05, 2.0, 4.0)  # multiples of the memory that a method needs at least, which are tried
 
 Tries = Iterator[tuple[str, PSFRequest]]
 

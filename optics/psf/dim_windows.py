@@ -17,15 +17,14 @@ Window = tuple[slice, slice]
 """Rows and columns of samples."""
 
 
+# Most rows of a window on which an error is measured. Chosen so that the measurement takes a
+# fraction of a call.
 _MEASURED_ROWS = 8
-"""Most rows of a window on which an error is measured. Chosen so that the measurement takes a
-fraction of a call."""
 
-_ROW_MARGIN = 2.0
-"""Factor on the error that is found there, because few rows are measured. Chosen."""
+_ROW_MARGIN = 2.0  # factor on the error that is found there, because few rows are measured. Chosen.
 
+# Share of the tolerance that the error of light that is added may use. Chosen.
 _ADDED_ERROR_SHARE = 0.5
-"""Share of the tolerance that the error of light that is added may use. Chosen."""
 
 
 def window_norm(light: torch.Tensor, window: Window) -> torch.Tensor:
@@ -193,18 +192,18 @@ def _draw_rows(energy: torch.Tensor) -> tuple[NDArray[np.int64], NDArray[np.floa
     return chosen, times / (_MEASURED_ROWS * chance[chosen])
 
 
+# Share of the light behind an evenly lit panel that the window must get for an estimate made for
+# that panel to hold. Chosen.
 _EXPECTED_WINDOW_LIGHT = 0.8
-"""Share of the light behind an evenly lit panel that the window must get for an estimate made for
-that panel to hold. Chosen."""
 
+# Exponent of a dim window's relative brightness, by which its error estimate is enlarged further:
+# light in a dim window comes from few directions of a pattern, so it is less even than the
+# estimate assumes. Chosen.
 _LOW_LIGHT_EXPONENT = 1 / 8
-"""Exponent of a dim window's relative brightness, by which its error estimate is enlarged further:
-light in a dim window comes from few directions of a pattern, so it is less even than the estimate
-assumes. Chosen."""
 
+# Factor on the divisor of a dim window's error estimate. Chosen: without it, three of 800
+# gratings and waves on small panels exceeded their estimates, by a fifth at most.
 _LOW_LIGHT_MARGIN = 0.75
-"""Factor on the divisor of a dim window's error estimate. Chosen: without it, three of 800 gratings
-and waves on small panels exceeded their estimates, by a fifth at most."""
 
 
 class LowLightCorrection:
@@ -275,15 +274,14 @@ class LowLightCorrection:
         return min(1.0, math.sqrt(self.brightness))
 
 
+# Peak amplitude below which, or above whose inverse, its square may exceed the range of single
+# precision, also in a dim window.
 _LEAST_PEAK = 1e-12
-"""Peak amplitude below which, or above whose inverse, its square may exceed the range of single
-precision, also in a dim window."""
 
-_BRIGHTEST_PEAK = 1e150
-"""Largest amplitude whose light, and sums of it, double precision holds."""
+_BRIGHTEST_PEAK = 1e150  # largest amplitude whose light, and sums of it, double precision holds
 
+# Peak amplitude whose square is near the smallest number of double precision.
 _DARKEST_PEAK = 1e-150
-"""Peak amplitude whose square is near the smallest number of double precision."""
 
 
 def normalise_amplitude(

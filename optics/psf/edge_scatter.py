@@ -47,18 +47,18 @@ _MOST_CYCLES = 40.0  # per panel pixel that are followed; a pixel's envelope lea
 _LEAST_RELATIVE_LIGHT = 0.02  # of the brightest ray, below which a ray counts as dark; chosen
 _WINDOW_PROBE_OFFSET = 1 / 3  # of the points that stand for the window, in its sides; chosen
 
+# Factor on an estimate for an evenly lit panel, if the window holds many speckles. Random
+# patterns need less, because rays light the ends of the panel's shadow fully. Gratings and smooth
+# waves on small panels need up to a fifth more than without it.
 _MANY_SPECKLES_FACTOR = 1.3
-"""Factor on an estimate for an evenly lit panel, if the window holds many speckles. Random patterns
-need less, because rays light the ends of the panel's shadow fully. Gratings and smooth waves on
-small panels need up to a fifth more than without it."""
 
+# Addition to that factor for one speckle in the window, over the root of their number.
 _FEW_SPECKLES_FACTOR = 2.5
-"""Addition to that factor for one speckle in the window, over the root of their number."""
 
+# The same for speckles along the stop's edge, by whose number the light that the edge gets is
+# known. Four standard deviations: on small panels, some waves and gratings exceeded the other two
+# factors by 2.2, with 20 speckles.
 _FEW_RIM_SPECKLES_FACTOR = 4.0
-"""The same for speckles along the stop's edge, by whose number the light that the edge gets is
-known. Four standard deviations: on small panels, some waves and gratings exceeded the other two
-factors by 2.2, with 20 speckles."""
 
 
 def fresnel_area(q: PSFRequest) -> float:

@@ -20,12 +20,11 @@ from optics.psf.phase_factor import phase_factor
 from optics.psf.request import PSFRequest
 from optics.validation import require_finite, rounded_down, rounded_up
 
-_SLOPE_MARGIN = 1.05
-"""Factor by which a phase may be steeper than planned. Chosen."""
+_SLOPE_MARGIN = 1.05  # factor by which a phase may be steeper than planned. Chosen.
 
+# Factor on the error that is told of a pattern's light, from that without a pattern. Chosen; 2.2
+# was needed among 50 random patterns.
 _PATTERN_ERROR_FACTOR = 3.0
-"""Factor on the error that is told of a pattern's light, from that without a pattern. Chosen; 2.2
-was needed among 50 random patterns."""
 
 
 class PSFEngine(CandidateMethod):

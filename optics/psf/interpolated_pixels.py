@@ -27,28 +27,28 @@ from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
 from optics.psf.pixel_waves import PixelIntegralTransform, full_precision_nodes
 
+# Errors, and the ratio of the FFT's length to the panel's pixels for that error and larger ones.
+# For a panel of 1080 x 1920 pixels 1.35 was the fastest of 1.2 to 2 that adds no more rounding
+# than a plain sum in single precision has.
 _OVERSAMPLING = ((3e-6, 1.35), (2e-7, 1.5), (0.0, 2.0))
-"""Errors, and the ratio of the FFT's length to the panel's pixels for that error and larger ones.
-For a panel of 1080 x 1920 pixels 1.35 was the fastest of 1.2 to 2 that adds no more rounding than a
-plain sum in single precision has."""
 
+# Rounding error of an FFT over that of a plain sum. It was 0.09 where it was measured, for a
+# panel of 1080 x 1920 pixels; twice as much is told.
 _FFT_ROUNDING = 0.2
-"""Rounding error of an FFT over that of a plain sum. It was 0.09 where it was measured, for a panel
-of 1080 x 1920 pixels; twice as much is told."""
 
 _FINEST_ERROR = 1e-8  # that the weights are asked for; below, rounding spoils their fit
 
+# Time to fit the weights, for each sample and node, over that of a pass over a sample; measured
+# for 16 to 1800 samples.
 _FITTED_TERM_PASSES = 3000.0
-"""Time to fit the weights, for each sample and node, over that of a pass over a sample; measured
-for 16 to 1800 samples."""
 
+# Radians by which the lens' wave may turn in half a panel pixel. Chosen: 0.75 are met by 2
+# dioptres of defocus at the ends of 1920 pixels of 8 µm.
 _MOST_BEND = 2.0
-"""Radians by which the lens' wave may turn in half a panel pixel. Chosen: 0.75 are met by 2
-dioptres of defocus at the ends of 1920 pixels of 8 µm."""
 
+# Weights, for other PSFs of the same samples and wavelength. The bytes are chosen: for 40 PSFs of
+# 1600 samples a side, as a panel's calibration needs over a band of wavelengths.
 _KEPT = ByteCache(32 << 20)
-"""Weights, for other PSFs of the same samples and wavelength. The bytes are chosen: for 40 PSFs of
-1600 samples a side, as a panel's calibration needs over a band of wavelengths."""
 
 
 class InterpolatedPixelTransform(PixelIntegralTransform):

@@ -28,35 +28,35 @@ TAPER_TOL_SHARE = 1e-2
 """Share of the tolerance that smooth ends of a band may change within the area that the light
 reaches. Chosen."""
 
+# Share of the tolerance that the smooth ends of a band may leave outside the area that its light
+# reaches by geometric optics. Chosen.
 _OUTSIDE_TOL_SHARE = 1e-2
-"""Share of the tolerance that the smooth ends of a band may leave outside the area that its light
-reaches by geometric optics. Chosen."""
 
+# Width in which the light of a band's ends decays, as a share of the widths of panel and stop
+# together. A larger one takes longer FFTs, a smaller one wider ends of the band. Chosen.
 _MARGIN_SHARE = 0.05
-"""Width in which the light of a band's ends decays, as a share of the widths of panel and stop
-together. A larger one takes longer FFTs, a smaller one wider ends of the band. Chosen."""
 
 _MARGIN_ZONES = 2.0  # addition to that width, in Fresnel zones; chosen
 
+# Candidate sampling rates of the lens grid, over the band's half width. The search takes the
+# lowest rate that keeps the tolerance.
 _GRID_REFINEMENTS = (
     *np.arange(1.25, 2, 0.125),
     *np.arange(2, 4, 0.25),
     *(4, 5, 6, 8, 12, 16, 24, 32, 48, 64),
 )
-"""Candidate sampling rates of the lens grid, over the band's half width. The search takes the
-lowest rate that keeps the tolerance."""
 
+# Candidate shares of the lost light that the limits of a band along y may cause; those along x
+# cause the rest.
 _SPLITS = np.linspace(0.05, 0.95, 13)
-"""Candidate shares of the lost light that the limits of a band along y may cause; those along x
-cause the rest."""
 
+# Candidate shares of the tolerance for the frequencies outside the band. The search takes the
+# share that gives the smallest grid.
 _BAND_TOL_SHARES = (0.3, 0.5, 0.7)
-"""Candidate shares of the tolerance for the frequencies outside the band. The search takes the
-share that gives the smallest grid."""
 
+# Step of the logarithm of the frequency in which light is summed. Sorting the light itself takes
+# five times as long.
 _LOG_FREQUENCY_STEP = 0.005
-"""Step of the logarithm of the frequency in which light is summed. Sorting the light itself takes
-five times as long."""
 
 
 @dataclass(frozen=True)

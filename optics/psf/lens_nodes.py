@@ -29,27 +29,23 @@ from optics.psf.request import PSFRequest
 _LEAST_BLOCK = 1 << 20
 
 
+# Share of the tolerance that the quadrature and the transform may each use, in the field. Chosen.
 _STEP_TOL_SHARE = 0.1
-"""Share of the tolerance that the quadrature and the transform may each use, in the field.
-Chosen."""
 
-_MAX_TRIES = 4
-"""Most tolerances of the transform that are tried. Chosen."""
+_MAX_TRIES = 4  # most tolerances of the transform that are tried. Chosen.
 
+# Memory in bytes for a node's position, weight and wave, and for its data in the transform.
 _BYTES_PER_NODE = 340
-"""Memory in bytes for a node's position, weight and wave, and for its data in the transform."""
 
+# Time of a call that computes its nodes anew, over that of a call with nodes in memory.
 _REBUILD_COST_FACTOR = 6.0
-"""Time of a call that computes its nodes anew, over that of a call with nodes in memory."""
 
-_MAX_NODES = 300_000_000
-"""Most nodes that are computed; they take some minutes."""
+_MAX_NODES = 300_000_000  # most nodes that are computed; they take some minutes
 
+# Passes over a node while its wave is computed and finufft sorts it; measured.
 _PASSES_PER_WAVE = 70.0
-"""Passes over a node while its wave is computed and finufft sorts it; measured."""
 
-_PLANNING_CALLS = 20.0
-"""Fixed cost of planning in calls; measured."""
+_PLANNING_CALLS = 20.0  # fixed cost of planning in calls; measured
 
 
 class ScatteredNodesEngine(PSFEngine):

@@ -41,22 +41,22 @@ from optics.psf.request import PSFRequest
 from optics.psf.symmetry import symmetric_engine
 from optics.validation import rounded_down
 
+# Factor on the error that brighter light beside the pixels makes, which isn't spread evenly.
+# Chosen; 6 was needed where few pixels lie in a null of the envelope.
 _BESIDE_FACTOR = 8.0
-"""Factor on the error that brighter light beside the pixels makes, which isn't spread evenly.
-Chosen; 6 was needed where few pixels lie in a null of the envelope."""
 
+# Smallest error of the integration over pixels that is planned for, near double precision's
+# rounding.
 _FINEST_PIXEL_TOL = 1e-13
-"""Smallest error of the integration over pixels that is planned for, near double precision's
-rounding."""
 
+# Share of the tolerance that the light keeps, where a method does, so that derivatives in lengths
+# keep the tolerance. Chosen.
 _DERIVATIVE_TOL_SHARE = 0.03
-"""Share of the tolerance that the light keeps, where a method does, so that derivatives in lengths
-keep the tolerance. Chosen."""
 
+# Share of the tolerance that the light without a pattern keeps, where a method does, if patterns
+# are expected on a lens' points: with one, the window may get less light. Chosen; nodes' errors
+# fall so fast with their number that it takes few more.
 _PATTERN_TOL_SHARE = 0.01
-"""Share of the tolerance that the light without a pattern keeps, where a method does, if patterns
-are expected on a lens' points: with one, the window may get less light. Chosen; nodes' errors fall
-so fast with their number that it takes few more."""
 
 
 @dataclass(frozen=True)

@@ -105,8 +105,8 @@ def psf(
     return Result(value, account.with_cpu_spent(time.process_time() - started))
 
 
+# Plans for psf(). Every thread has its own, since a call changes an operator's account.
 _PLANS = ByteCache(256 << 20)
-"""Plans for psf(). Every thread has its own, since a call changes an operator's account."""
 
 
 def _kept_plan(plan: Callable[[], PSFOperator], asked: tuple[Any, ...]) -> tuple[PSFOperator, bool]:

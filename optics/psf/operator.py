@@ -30,9 +30,9 @@ from optics.psf.symmetry import expand_phase
 from optics.threads import in_full_precision
 from optics.validation import accepts_numpy, require_tensor
 
+# Relative error of derivatives in lengths over that of the light. Behind panels it was 10 at most
+# where it was measured; three times as much is told.
 _GRADIENT_ERROR_FACTOR = 30.0
-"""Relative error of derivatives in lengths over that of the light. Behind panels it was 10 at most
-where it was measured; three times as much is told."""
 
 
 class PSFOperator:

@@ -16,12 +16,11 @@ from optics.validation import rounded_up
 PSFAtPosition = Callable[[tuple[float, float]], torch.Tensor]
 """Function from the position (y, x) of a point's image, metres, to its PSF (..., rows, columns)."""
 
-_MAX_LEVELS = 6
-"""Number of levels of nodes along an axis; they have 1, 3, 5, 9, 17 and 33 nodes."""
+_MAX_LEVELS = 6  # number of levels of nodes along an axis; they have 1, 3, 5, 9, 17 and 33 nodes
 
+# Positions in the field, in half sides, at which the final interpolation is checked. None of them
+# is a node.
 _CHECK_POSITIONS = ((0.31, -0.73), (-0.57, 0.43), (0.83, 0.61))
-"""Positions in the field, in half sides, at which the final interpolation is checked. None of them
-is a node."""
 
 
 @dataclass(frozen=True)

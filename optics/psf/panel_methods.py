@@ -50,9 +50,9 @@ _INTERPOLATION_TOL_SHARE = 0.005  # for fitted weights: a further weight costs l
 _EXPANSION_TOL_SHARE = 0.5  # for the terms left out, as predicted before a pattern is known
 
 _LARGEST_INTERPOLATION_ERROR = 1e-3  # that is planned for; chosen
+# L2 error that a transform reaches, over the one it states. It is an eighteenth where it was
+# measured, for gridding to 1e-2 to 1e-8; this is three times as much.
 _REACHED_TRANSFORM_ERROR = 0.17
-"""L2 error that a transform reaches, over the one it states. It is an eighteenth where it was
-measured, for gridding to 1e-2 to 1e-8; this is three times as much."""
 
 # Predicted times, in passes (MachineSpeed.touch) and calls (MachineSpeed.call). All were fitted to
 # 150 random problems on one machine, whose times they predict within a factor of two.

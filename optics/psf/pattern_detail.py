@@ -11,21 +11,19 @@ from scipy.spatial import cKDTree
 
 from optics.psf.phase_factor import wrap_phase
 
-_SLOPE_SAMPLES = 3000
-"""Points at which the slope is evaluated. Chosen."""
+_SLOPE_SAMPLES = 3000  # points at which the slope is evaluated. Chosen.
 
+# Nearest points to each of them, itself included, to which slopes are measured. Chosen.
 _NEIGHBOURS = 7
-"""Nearest points to each of them, itself included, to which slopes are measured. Chosen."""
 
+# Slope of the waves by which a phase may vary without further nodes, radians per stop radius.
+# Chosen: the nodes have harmonics to spare for it.
 _SLOW_VARIATION = 3.0
-"""Slope of the waves by which a phase may vary without further nodes, radians per stop radius.
-Chosen: the nodes have harmonics to spare for it."""
 
-_SPARE_SLOPE = 5.0
-"""Slope, radians per stop radius, for which nodes are to spare. Chosen."""
+_SPARE_SLOPE = 5.0  # slope, radians per stop radius, for which nodes are to spare. Chosen.
 
+# Brightest points of an amplitude at which its detail is measured besides. Chosen.
 _BRIGHT_SAMPLES = 300
-"""Brightest points of an amplitude at which its detail is measured besides. Chosen."""
 
 
 class PatternDetail:

@@ -10,8 +10,8 @@ import torch
 from optics.fourier.differentiation import apply_function
 from optics.validation import records_gradient
 
+# Samples of a phase that are processed at a time, so that they fit in the cache.
 _BLOCK_SAMPLES = 1 << 16
-"""Samples of a phase that are processed at a time, so that they fit in the cache."""
 
 
 def wrap_phase(angle: torch.Tensor) -> torch.Tensor:

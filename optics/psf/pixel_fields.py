@@ -34,11 +34,11 @@ _NODES = (24, 48, 96, 192, 384)  # Chebyshev nodes per axis that are tried for a
 _LEAST = 1e-15  # share of the strongest term below which terms are rounding errors
 _TAIL = 1e-12  # coefficient of the highest orders below which an expansion counts as complete
 
+# Samples per axis for the slope of a phase, and a factor, because it might be steeper between.
 _SAMPLES, _MARGIN = 33, 1.2
-"""Samples per axis for the slope of a phase, and a factor, because it might be steeper between."""
 
+# Terms that a phase takes, and further ones for its largest value; fitted to random lenses.
 _TERMS, _TERMS_PER_RADIAN = 6, 0.55
-"""Terms that a phase takes, and further ones for its largest value; fitted to random lenses."""
 
 
 class PixelFields:

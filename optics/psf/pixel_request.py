@@ -23,11 +23,10 @@ from optics.validation import (
     to_plain_numbers,
 )
 
-_PIXEL_TOL_SHARE = 0.01
-"""Share of the tolerance that the integration over pixels may use. Chosen."""
+_PIXEL_TOL_SHARE = 0.01  # share of the tolerance that the integration over pixels may use. Chosen.
 
+# Radians per stop radius by which a phase on a lens' points may change unless stated. Chosen.
 _PHASE_SLOPE = 20.0
-"""Radians per stop radius by which a phase on a lens' points may change unless stated. Chosen."""
 
 
 @dataclass(frozen=True)

@@ -32,21 +32,17 @@ ERROR_MARGIN = 2.0
 PASSES_PER_ABERRATION = 35.0
 """Passes over a node of the stop while one of the lens' aberrations is evaluated; measured."""
 
-_KERNEL_COST = 3.0
-"""Time of a kernel's values over that of their cosines and sines alone; measured."""
+_KERNEL_COST = 3.0  # time of a kernel's values over that of their cosines and sines alone; measured
 
 
+# Factor on the phase's slope for which the reference's nodes are chosen. Chosen.
 _REFERENCE_REFINEMENT = 1.3
-"""Factor on the phase's slope for which the reference's nodes are chosen. Chosen."""
 
-_MAX_TERMS = 5_000_000
-"""Most terms, nodes times lines, of a measurement. Chosen."""
+_MAX_TERMS = 5_000_000  # most terms, nodes times lines, of a measurement. Chosen.
 
-_MAX_LINES = 7
-"""Most rows, and most columns, at whose crossings the error is measured. Chosen."""
+_MAX_LINES = 7  # most rows, and most columns, at whose crossings the error is measured. Chosen.
 
-_MIN_LINES = 2
-"""Fewest of them. Chosen."""
+_MIN_LINES = 2  # fewest of them. Chosen.
 
 
 class ReferenceProbe:

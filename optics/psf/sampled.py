@@ -23,32 +23,28 @@ from optics.psf.phase_factor import wrap_phase
 from optics.psf.reference_probe import ReferenceProbe
 from optics.psf.request import PSFRequest
 
+# Relative error of the light over the squared change of phase between neighbouring samples, in
+# radians, at the stop's edge and towards the light. It was fitted to exact integrals for 40
+# lenses, where it lay between 1e-3 and 7e-3. A grid that proves too coarse is refined.
 _EDGE_ERROR_FACTOR = 3e-3
-"""Relative error of the light over the squared change of phase between neighbouring samples, in
-radians, at the stop's edge and towards the light. It was fitted to exact integrals for 40 lenses,
-where it lay between 1e-3 and 7e-3. A grid that proves too coarse is refined."""
 
+# Largest change of phase between neighbouring samples for the whole window, in radians. It is
+# below Nyquist's limit of pi.
 _MAX_PHASE_STEP = 0.8 * math.pi
-"""Largest change of phase between neighbouring samples for the whole window, in radians. It is
-below Nyquist's limit of pi."""
 
-_MIN_SIZE = 16
-"""Fewest samples across the grid. Chosen."""
+_MIN_SIZE = 16  # fewest samples across the grid. Chosen.
 
-_GROWTH = 1.5
-"""Largest factor by which the grid is refined in one step. Chosen."""
+_GROWTH = 1.5  # largest factor by which the grid is refined in one step. Chosen.
 
-_MAX_TRIES = 4
-"""Most grids that are tried. Chosen."""
+_MAX_TRIES = 4  # most grids that are tried. Chosen.
 
+# Passes over a sample of the pupil while the open area and the wave are computed; measured.
 _PASSES_PER_SAMPLE = 230.0
-"""Passes over a sample of the pupil while the open area and the wave are computed; measured."""
 
+# Steps of Python for each piece of the stop's outline in the open area; measured.
 _STEPS_PER_PIECE = 20.0
-"""Steps of Python for each piece of the stop's outline in the open area; measured."""
 
-_PLANNING_CALLS = 8.0
-"""Fixed cost of planning in calls; measured."""
+_PLANNING_CALLS = 8.0  # fixed cost of planning in calls; measured
 
 
 class SampledEngine(CachedPupilWave, PSFEngine):

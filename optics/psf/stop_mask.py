@@ -18,9 +18,9 @@ from optics.camera.stop import Stop
 from optics.camera.stop_areas import Coverage, coverage
 from optics.plane import Plane
 
+# Samples in a coarse cell, which is open, closed or cut by the edge as a whole. Sixteen rows of a
+# fine grid still fit into a processor's cache.
 _CELL_ROWS, _CELL_COLUMNS = 16, 64
-"""Samples in a coarse cell, which is open, closed or cut by the edge as a whole. Sixteen rows of a
-fine grid still fit into a processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,9 @@ class BlockwiseStopMask:
         return total
 
 
+# Roundings of double precision that the field's error may amount to, over what they would be if
+# all errors in the stop added up. Chosen.
 _ROUNDINGS = 4.0
-"""Roundings of double precision that the field's error may amount to, over what they would be if
-all errors in the stop added up. Chosen."""
 
 PROBES = 10
 """Places along each axis of the stop at which the light there is sampled. Chosen."""

@@ -17,11 +17,9 @@ from optics.plane import Plane
 from optics.psf.stop_mask import BlockwiseStopMask
 from optics.psf.to_lens import PanelToLensPropagator
 
-_ROWS = 64
-"""Rows of samples whose wave is computed at a time."""
+_ROWS = 64  # rows of samples whose wave is computed at a time
 
-_WAVE_PASSES = 50.0
-"""Time to compute the wave of a sample, in passes; fitted to 28 random chains."""
+_WAVE_PASSES = 50.0  # time to compute the wave of a sample, in passes; fitted to 28 random chains
 
 
 class LensWave:

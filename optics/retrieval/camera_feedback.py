@@ -39,13 +39,12 @@ Unmodulated light beside the target is thereby excluded.
 """
 
 
+# Iterations of the model after each picture, and before the first one for several frames. Chosen.
 _ITERATIONS, _FIRST_ITERATIONS = 5, 20
-"""Iterations of the model after each picture, and before the first one for several frames.
-Chosen."""
 
+# Gain of the over-compensation of a single frame. It is below 1, because the pictures correct the
+# same error as well. Chosen.
 _SINGLE_FRAME_GAIN = 0.5
-"""Gain of the over-compensation of a single frame. It is below 1, because the pictures correct the
-same error as well. Chosen."""
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from optics.progress import Progress
 from optics.retrieval.goal import RetrievalGoal
 from optics.slm.modulator import Modulator
 
-_RATE = 0.03
-"""Learning rate of Adam at the start, radians; it falls to a tenth of that. Chosen."""
+_RATE = 0.03  # learning rate of Adam at the start, radians; it falls to a tenth of that. Chosen.
 
 
 class GradientDescent:

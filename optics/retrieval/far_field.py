@@ -6,8 +6,8 @@ import torch
 
 from optics.fourier.fft import fft
 
+# Samples of spectra that a round trip processes at once, so that they fit in the cache.
 _AT_A_TIME = 1 << 17
-"""Samples of spectra that a round trip processes at once, so that they fit in the cache."""
 
 
 def unit_modulus(field: torch.Tensor) -> torch.Tensor:

@@ -20,20 +20,16 @@ from optics.retrieval.gerchberg_saxton import (
 )
 from optics.retrieval.superpixel import RetrievalJob, Superpixels, random_start, smooth_start
 
-_GAIN = 0.5
-"""Exponent of the correction of the mean in each iteration. Chosen, as those below."""
+_GAIN = 0.5  # exponent of the correction of the mean in each iteration. Chosen, as those below.
 
-_UNCORRECTED = 3
-"""Iterations before the mean is corrected for the first time."""
+_UNCORRECTED = 3  # iterations before the mean is corrected for the first time
 
-_MOST_CHANGE = 10.0
-"""Largest factor of the correction in one iteration."""
+_MOST_CHANGE = 10.0  # largest factor of the correction in one iteration
 
+# Share of the brightest sample that replaces a smaller mean, to avoid division by zero.
 _DARK_SHARE = 1e-6
-"""Share of the brightest sample that replaces a smaller mean, to avoid division by zero."""
 
-_FAINT_SHARE = 1e-3
-"""Share of a sample's target that replaces a smaller mean."""
+_FAINT_SHARE = 1e-3  # share of a sample's target that replaces a smaller mean
 
 
 def independent_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:

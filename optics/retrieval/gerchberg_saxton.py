@@ -123,11 +123,10 @@ def gerchberg_saxton(
     return pixels.pixel_phases(asked)
 
 
+# Largest full width at half maximum of a spot, in samples.
+#
+# A panel that is twice as wide as high can't make a spot narrower than four samples.
 _WIDEST = 5 * OVERSAMPLING // 2
-"""Largest full width at half maximum of a spot, in samples.
-
-A panel that is twice as wide as high can't make a spot narrower than four samples.
-"""
 
 
 def find_spots(goal: RetrievalGoal) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

@@ -25,8 +25,8 @@ from optics.slm.dynamics import relaxed_phase, steady_start_phases, time_nodes
 from optics.slm.lut import flatness_phase, whole_waves
 
 _TURN = 2 * math.pi
+# Number of phases of a video that are processed at once, so that their orders fit in memory.
 _AT_A_TIME = 1 << 20
-"""Number of phases of a video that are processed at once, so that their orders fit in memory."""
 
 
 def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
@@ -92,11 +92,11 @@ def _cheapest_path(
     return torch.stack(way), total
 
 
+# Share of the iterations, at the start, that ignore the motion. They are faster. Chosen.
 _SHARE_WITHOUT_MOTION = 0.6
-"""Share of the iterations, at the start, that ignore the motion. They are faster. Chosen."""
 
+# Moments per frame at which the light is computed, in iterations and for the quality. Chosen.
 _NODES, _QUALITY_NODES = 3, 6
-"""Moments per frame at which the light is computed, in iterations and for the quality. Chosen."""
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,10 @@ from optics.progress import Progress
 from optics.retrieval.far_field import FarField
 from optics.retrieval.goal import RetrievalGoal
 
+# Samples across the coarse far field over those across the window, at least.
+#
+# Light that a phase-only panel scatters beyond the window must not wrap around into it.
 _ROOM = 1.5
-"""Samples across the coarse far field over those across the window, at least.
-
-Light that a phase-only panel scatters beyond the window must not wrap around into it.
-"""
 
 
 def superpixel_side(goal: RetrievalGoal) -> int:

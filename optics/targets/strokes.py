@@ -18,8 +18,7 @@ Points = NDArray[np.float64]
 """(n, 2): y and x of points along a curve, metres. One point is a dot. A curve is closed if its
 last point is its first."""
 
-_FAR = 6.0
-"""Widths from a stroke beyond which nothing is drawn; 2e-8 of the peak is left there."""
+_FAR = 6.0  # widths from a stroke beyond which nothing is drawn; 2e-8 of the peak is left there
 
 
 def draw_strokes(strokes: Sequence[Points], width: float, sizes: str, remedy: str) -> Drawing:
@@ -104,8 +103,7 @@ def _squared_distances(places: Points, start: Points, end: Points) -> Points:
     return ((places - foot) ** 2).sum(1)
 
 
-_POINTS = 720
-"""Number of points along a closed curve, or per turn of an open one; chosen."""
+_POINTS = 720  # number of points along a closed curve, or per turn of an open one; chosen
 
 
 @Target
@@ -232,11 +230,10 @@ def _close_curve(points: Points) -> Points:
     return np.vstack([points[:-1], points[:1]])
 
 
+# A point (x, y), or an arc (x, y, half width, half height, from, to).
+#
+# The arc's angles are in degrees, from x towards y.
 _Pen = tuple[float, ...]
-"""A point (x, y), or an arc (x, y, half width, half height, from, to).
-
-The arc's angles are in degrees, from x towards y.
-"""
 
 _O: list[_Pen] = [(2.1, 3, 2.1, 3, 0, 360)]
 _P: list[_Pen] = [(0, 6), (0, 0), (2.4, 0), (2.4, 1.6, 1.5, 1.6, -90, 90), (0, 3.2)]

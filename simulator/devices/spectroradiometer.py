@@ -12,8 +12,7 @@ from drivers.interfaces import Spectrum, Surroundings
 from simulator.devices.base import SimulatedDevice
 from simulator.machines.cs2000_settings import WAVELENGTHS, CS2000Optics
 
-_ANGLE = math.radians(1)
-"""The instrument's measuring angle in radians."""
+_ANGLE = math.radians(1)  # the instrument's measuring angle in radians
 
 
 class SimulatedSpectroradiometer(SimulatedDevice):

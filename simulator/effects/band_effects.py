@@ -33,19 +33,18 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 
 
+# Factor of bound and estimate, computed from a sample of the frequencies; from audits.
 _MARGIN = 2.0
-"""Factor of bound and estimate, computed from a sample of the frequencies; from audits."""
 
+# Changes at which more nodes count as no finer: of the light in the frame; of all light, where it
+# can't be told from rounding; and by estimates. Chosen.
 _CONVERGED, _ROUNDING, _LIKELY_CONVERGED = 2e-5, 5e-6, 1e-4
-"""Changes at which more nodes count as no finer: of the light in the frame; of all light, where it
-can't be told from rounding; and by estimates. Chosen."""
 
-_THINNING = 4
-"""An estimate takes one of so many sampled frequencies. Chosen."""
+_THINNING = 4  # an estimate takes one of so many sampled frequencies. Chosen.
 
+# Largest relative change of a dim pixel over that of the whole picture, from audits. Light far
+# from an image is dim, and the first to be wrong.
 _DIM_PIXEL_MARGIN = 24.0
-"""Largest relative change of a dim pixel over that of the whole picture, from audits. Light far
-from an image is dim, and the first to be wrong."""
 
 
 class Bandwidth(BlurEffect):

@@ -32,12 +32,12 @@ from simulator.formation.windows import max_blur_distance
 from simulator.planning import Bound
 from simulator.situation import Situation
 
+# Factor of error bounds, from audits: with some of the panel's imperfections off, or all on,
+# light may change more, and more of it may fall outside a PSF's window.
 _MARGIN = 1.5
-"""Factor of error bounds, from audits: with some of the panel's imperfections off, or all on, light
-may change more, and more of it may fall outside a PSF's window."""
 
+# Lines of the panel along each axis from which the mean angle of rays is computed. Chosen.
 _LINES = 128
-"""Lines of the panel along each axis from which the mean angle of rays is computed. Chosen."""
 
 
 class Diffraction(OnOffBlurEffect):

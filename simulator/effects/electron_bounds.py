@@ -32,8 +32,8 @@ from simulator.speckle import speckle_variance
 MAX_PIXEL_SIGMAS = 4.5
 """Largest deviation of a pixel's response and offset, in standard deviations."""
 
+# Largest relative change of a dim pixel over that of the whole picture, from audits.
 _DIM_PIXEL_MARGIN = 3.0
-"""Largest relative change of a dim pixel over that of the whole picture, from audits."""
 
 
 class PixelwiseEffect(OnOffEffect):

@@ -68,13 +68,13 @@ class FieldPosition(BlurEffect):
         return f"from the axis to a corner {share:.2g} of the lit panel changes"
 
 
+# Share of the largest change over the field that is left at each level, from audits.
 _CHEBYSHEV_ERROR_SHARES = (1.0, 0.5, 0.15)
-"""Share of the largest change over the field that is left at each level, from audits."""
 
+# Share of the change along the frame's diagonals that the picture's error reached at most in
+# audits of random scenes, with one place and with 3 x 3. More places may do no better than to
+# halve it again: the stop's shadow has edges, and what moves with an edge isn't smooth.
 _LIKELY_SHARES = (0.8, 1.0)
-"""Share of the change along the frame's diagonals that the picture's error reached at most in
-audits of random scenes, with one place and with 3 x 3. More places may do no better than to halve
-it again: the stop's shadow has edges, and what moves with an edge isn't smooth."""
 
 
 @cached_across_exposures
@@ -113,9 +113,9 @@ def _likely_error_rates(s: Situation) -> tuple[float, ...]:
     return one_place * axis_error, few * parabola_error, few * parabola_error / 2
 
 
+# Error of PSFs between the finest places, as a bound of the L1 norm, above which no picture is
+# rendered. Those of a pattern that isn't the worst are several times better. Chosen.
 _UNRESOLVED = 0.1
-"""Error of PSFs between the finest places, as a bound of the L1 norm, above which no picture is
-rendered. Those of a pattern that isn't the worst are several times better. Chosen."""
 
 
 class FieldAberrations(BlurEffect):

@@ -27,16 +27,15 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 
 
+# Angles at which the interpolated band is compared with the true one; the worst of them, which
+# are looked at for PSFs; and one of how many frequencies is taken there. Chosen.
 _ANGLES, _WORST, _THINNING = 17, 2, 4
-"""Angles at which the interpolated band is compared with the true one; the worst of them, which are
-looked at for PSFs; and one of how many frequencies is taken there. Chosen."""
 
+# Factor of what the band's shift does to PSFs, as computed from a sample of frequencies; and
+# largest relative change of a dim pixel over that of the picture. From audits.
 _MARGIN, _DIM_PIXEL_MARGIN = 2.0, 12.0
-"""Factor of what the band's shift does to PSFs, as computed from a sample of frequencies; and
-largest relative change of a dim pixel over that of the picture. From audits."""
 
-_CONVERGED = 1e-5
-"""Change relative to all light at which more angles count as no finer. Chosen."""
+_CONVERGED = 1e-5  # change relative to all light at which more angles count as no finer. Chosen.
 
 
 class FilterAngle(BlurEffect):

@@ -24,12 +24,12 @@ from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
+# Cells along the frame's longer side, and nodes of the band, for estimates of light. Chosen.
 _CELLS, _WAVELENGTHS = 48, 3
-"""Cells along the frame's longer side, and nodes of the band, for estimates of light. Chosen."""
 
+# Ratio of the frame's light with blur and without, from which on most of it is elsewhere. Chosen:
+# beyond it, errors relative to all light mislead.
 _MOVED = 1.6
-"""Ratio of the frame's light with blur and without, from which on most of it is elsewhere. Chosen:
-beyond it, errors relative to all light mislead."""
 
 
 @dataclass(frozen=True, eq=False)

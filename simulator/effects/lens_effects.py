@@ -34,9 +34,9 @@ from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
+# Factor of the change that the far field tells, and of the frequencies near which it is looked
+# for, from audits: the panel's effects may change a PSF, and its wavelength isn't the band's.
 _MARGIN, _SPREAD = 1.3, 1.1
-"""Factor of the change that the far field tells, and of the frequencies near which it is looked
-for, from audits: the panel's effects may change a PSF, and its wavelength isn't the band's."""
 
 
 def far_field_change(s: Situation, number: int, k: Array, apart: float) -> Array:

@@ -399,9 +399,9 @@ class CrystalResponse(OnOffBlurEffect):
         return recipe.with_changes(crystal=True, panel=replace(recipe.panel, response_time=tau))
 
 
+# Evenly spaced times in a part of a frame, and last frames of a video, for which the crystal's
+# response is computed at most. Chosen.
 _CRYSTAL_TIMES, _CRYSTAL_FRAMES = 24, 24
-"""Evenly spaced times in a part of a frame, and last frames of a video, for which the crystal's
-response is computed at most. Chosen."""
 
 
 def _lagging_psf_change(s: Situation) -> float:

@@ -20,8 +20,7 @@ from simulator.planning import Bound
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
-_MARGIN, _LIKELY_MARGIN = 1.5, 2.0
-"""Factors of the error bound and of the estimate, from audits."""
+_MARGIN, _LIKELY_MARGIN = 1.5, 2.0  # factors of the error bound and of the estimate, from audits
 
 
 class PanelOrders(BlurEffect):

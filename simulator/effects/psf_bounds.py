@@ -29,18 +29,18 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 Place = tuple[float, float]
 
+# Factor by which a PSF may be brighter, from audits, at another wavelength of the band, or with
+# some of the panel's imperfections, than with all of them or with none; and factor by which
+# frequencies around one are searched for the largest modulus, for the same reason.
 _MARGIN, _FREQUENCY_FACTOR = 1.3, 1.1
-"""Factor by which a PSF may be brighter, from audits, at another wavelength of the band, or with
-some of the panel's imperfections, than with all of them or with none; and factor by which
-frequencies around one are searched for the largest modulus, for the same reason."""
 
+# Pixels of the panel along each axis, at most, at which waves are compared. Field aberrations are
+# polynomials of third degree, smooth between them. Chosen.
 _PIXELS = 48
-"""Pixels of the panel along each axis, at most, at which waves are compared. Field aberrations are
-polynomials of third degree, smooth between them. Chosen."""
 
+# Heights, over the largest, at which waves are compared with the axis: coma and curvature may
+# cancel in part. Chosen.
 _HEIGHTS = (0.25, 0.5, 0.75, 1.0)
-"""Heights, over the largest, at which waves are compared with the axis: coma and curvature may
-cancel in part. Chosen."""
 
 
 def has_known_psf(s: Situation) -> bool:

@@ -73,6 +73,7 @@ ATTRIBUTION_ORDER = (
 """Order in which operations are told apart: each effect's are those that it adds to the ones
 before."""
 
+# Effects whose levels change the number of operations.
 _RELEVANT_EFFECTS = (
     *ATTRIBUTION_ORDER,
     DEPTH_LAYERS,
@@ -81,7 +82,6 @@ _RELEVANT_EFFECTS = (
     OCCLUSION,
     LATERAL_COLOUR,
 )
-"""Effects whose levels change the number of operations."""
 
 
 class _Counts(NamedTuple):

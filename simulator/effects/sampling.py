@@ -18,12 +18,12 @@ from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
+# Factors of bound and estimate, from audits: of detail finer than pixels, only the finest that
+# pixels resolve is known; and where edges lie at random, aliases may be in phase.
 _MARGIN, _LIKELY_FACTOR = 2.0, 3.0
-"""Factors of bound and estimate, from audits: of detail finer than pixels, only the finest that
-pixels resolve is known; and where edges lie at random, aliases may be in phase."""
 
+# Cycles per pixel from which on detail is taken to go on beyond what pixels resolve. Chosen.
 _FINE_DETAIL = 0.4
-"""Cycles per pixel from which on detail is taken to go on beyond what pixels resolve. Chosen."""
 
 
 class LightSampling(BlurEffect):

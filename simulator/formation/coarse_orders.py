@@ -24,14 +24,12 @@ from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
-_CELLS = 192
-"""Cells along the frame's longer side. Chosen."""
+_CELLS = 192  # cells along the frame's longer side. Chosen.
 
-_SMALLEST_PANEL = 1 << 13
-"""Panel pixels from which on orders are rendered on cells. Chosen."""
+_SMALLEST_PANEL = 1 << 13  # panel pixels from which on orders are rendered on cells. Chosen.
 
+# Samples of the far field in a diffraction spot, which is much smaller than a cell.
 _SAMPLES_PER_SPOT = 1.5
-"""Samples of the far field in a diffraction spot, which is much smaller than a cell."""
 
 
 def order_cell_pixels(s: Situation) -> int:

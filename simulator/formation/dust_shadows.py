@@ -14,8 +14,8 @@ from optics.camera import Lens, Sensor
 
 Array = NDArray[np.float64]
 
+# Samples along a shadow's softest or hardest edge, and most of them along a pixel. Chosen.
 _SAMPLES_PER_EDGE, _MOST_SAMPLES = 8, 16
-"""Samples along a shadow's softest or hardest edge, and most of them along a pixel. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from optics.fourier import ChirpTransform, FourierGeometry, rfft_column_weights
 from optics.plane import Plane
 from simulator.formation.windows import transform_operations
 
+# Real Fourier transforms of a picture that take as long as one of its ghosts; measured.
 _TRANSFORMS = 6.0
-"""Real Fourier transforms of a picture that take as long as one of its ghosts; measured."""
 
 
 def ghost_operations(shape: tuple[int, int]) -> float:

@@ -86,9 +86,9 @@ def _moving(
 Order = tuple[int, int]
 """Number (y, x) of a diffraction order of the panel's pixel grid, in the panel's axes."""
 
+# One PSF of a picture may take longer than a question that stands alone: who predicts a picture
+# sees its progress and can cancel it. Chosen.
 _BUDGET = Budget(seconds=600.0)
-"""One PSF of a picture may take longer than a question that stands alone: who predicts a picture
-sees its progress and can cancel it. Chosen."""
 
 
 @dataclass(frozen=True)

@@ -271,8 +271,7 @@ def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
     return np.asarray(weights / weights.sum(axis=0))
 
 
-_TABLE = 1025
-"""Values between which shares are interpolated linearly, right to 1e-5. Chosen."""
+_TABLE = 1025  # values between which shares are interpolated linearly, right to 1e-5. Chosen.
 
 
 def angle_share(squared: Sequence[float], angle: int, camera: Camera, plane: Plane) -> torch.Tensor:

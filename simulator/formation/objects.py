@@ -28,8 +28,7 @@ from simulator.scene.target import Layer
 
 Array = NDArray[np.float64]
 
-_PLACES = 33
-"""Places along an axis at which the light through the stop is computed. Chosen."""
+_PLACES = 33  # places along an axis at which the light through the stop is computed. Chosen.
 
 
 def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:

@@ -15,8 +15,7 @@ from optics.validation import as_number
 from simulator.formation.distorting import moved_frame
 from simulator.situation import Situation
 
-_FIELD_OPERATIONS = 60.0
-"""Operations per panel pixel from a grey level to a field."""
+_FIELD_OPERATIONS = 60.0  # operations per panel pixel from a grey level to a field
 
 
 def transform_operations(rows: int, columns: int) -> float:
@@ -42,20 +41,20 @@ def ray_operations(panel: Panel, down: int, across: int) -> float:
     return (80.0 + _FIELD_OPERATIONS) * panel.shape[0] * panel.shape[1] + down * across
 
 
+# Pixels beyond the outermost light: detail finer than the samples causes ringing beside it.
 _SPARE = 32
-"""Pixels beyond the outermost light: detail finer than the samples causes ringing beside it."""
 
+# Margin of all pictures whose PSFs need less, as a share of the frame's side. Chosen.
 _SHARED_MARGIN = 0.125
-"""Margin of all pictures whose PSFs need less, as a share of the frame's side. Chosen."""
 
+# Samples of a picture from which on it may not be larger for the sake of ghosts, which show what
+# lies beside the frame, and by how much. Chosen: a larger one takes more memory than it is worth,
+# and such ghosts look like veiling glare.
 _GHOSTS_LARGE, _GHOSTS_LARGER = 1 << 25, 16.0
-"""Samples of a picture from which on it may not be larger for the sake of ghosts, which show what
-lies beside the frame, and by how much. Chosen: a larger one takes more memory than it is worth, and
-such ghosts look like veiling glare."""
 
+# Samples of a picture from which on it may not be larger for the sake of PSFs with all orders,
+# and by how much: what is kept of it for other patterns is as much larger. Chosen.
 _LARGE, _LARGER = 1 << 22, 2.5
-"""Samples of a picture from which on it may not be larger for the sake of PSFs with all orders, and
-by how much: what is kept of it for other patterns is as much larger. Chosen."""
 
 ORDER_FADE_PIXELS = 4.0
 """Sensor pixels over which one diffraction order of the panel fades into the next."""

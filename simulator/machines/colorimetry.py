@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 KM = 683.002
 """Greatest luminous efficacy, in lumens per watt."""
 
+# Second radiation constant, in metre kelvins, with which the colour temperature is defined.
 _C2 = 1.4388e-2
-"""Second radiation constant, in metre kelvins, with which the colour temperature is defined."""
 
+# Temperatures in kelvins at which the Planckian locus is sampled.
 _TEMPERATURES = np.geomspace(1000, 100_000, 2000)
-"""Temperatures in kelvins at which the Planckian locus is sampled."""
 
 Array = NDArray[np.float64]
 

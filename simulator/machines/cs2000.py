@@ -26,8 +26,7 @@ from simulator.machines.colorimetry import (
 from simulator.machines.cs2000_settings import WAVELENGTHS, Array, CS2000Optics, CS2000Settings
 from simulator.machines.machine import FaultyMachine, Reply
 
-_FAILED_VALUE = "D1BA43B6"
-"""Hexadecimal reply for a value that can't be computed."""
+_FAILED_VALUE = "D1BA43B6"  # hexadecimal reply for a value that can't be computed
 
 _NAMES_2_DEGREES = ("X", "Y", "Z", "x", "y", "u'", "v'", "T", "duv", "ld", "Pe")
 _NAMES_10_DEGREES = (
@@ -114,8 +113,8 @@ def _format_six_characters(value: float) -> str:
     return f"{value:6.{max(0, min(4, 5 - whole))}f}"
 
 
+# Indices of the wavelengths in each block of a spectrum.
 _SPANS = {1: slice(0, 100), 2: slice(100, 200), 3: slice(200, 300), 4: slice(300, 401)}
-"""Indices of the wavelengths in each block of a spectrum."""
 
 
 @dataclass

@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 WAVELENGTHS: Array = np.arange(380, 781).astype(np.float64) * 1e-9
 """Wavelengths at which a CS-2000 measures, in metres."""
 
+# Luminance times integration time, in cd s/m², that fills the sensor at 1 degree. It follows from
+# the 5000 cd/m² of the data sheet, with the shortest time and the internal filter.
 _SATURATION = 2.5
-"""Luminance times integration time, in cd s/m², that fills the sensor at 1 degree. It follows from
-the 5000 cd/m² of the data sheet, with the shortest time and the internal filter."""
 
 
 class CS2000Optics:
@@ -77,8 +77,8 @@ class CS2000Optics:
 Command = Callable[[list[int]], str]
 """Handler of a command, from its parameters to its reply."""
 
+# Commands whose settings the instrument stores in its flash memory.
 _INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
-"""Commands whose settings the instrument stores in its flash memory."""
 
 
 class CS2000Settings:

@@ -158,8 +158,7 @@ class StarlightWheelMachine:
 _SET_REPORT, _GET_REPORT = (0x21, 9, 0x0303), (0xA1, 1, 0x0301)
 _REQUEST, _ANSWER = b"\x03\x7e\x5a", b"\x01\x7e\x5a"
 
-_LENGTH = 16
-"""Bytes of a report."""
+_LENGTH = 16  # bytes of a report
 
 
 class SimulatedZwoStatus(IntEnum):

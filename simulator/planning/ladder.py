@@ -62,11 +62,10 @@ class _CachedWork:
         return work
 
 
-_FRAMES = 100
-"""Number of frames assumed per picture: work per frame counts this often. Chosen."""
+_FRAMES = 100  # number of frames assumed per picture: work per frame counts this often. Chosen.
 
+# Share of a step's own error for which it lets steps with smaller errors go first. Chosen.
 _PATIENCE = 0.5
-"""Share of a step's own error for which it lets steps with smaller errors go first. Chosen."""
 
 
 class LadderStep(NamedTuple):

@@ -27,12 +27,12 @@ Array = NDArray[np.float64]
 Light = NDArray[np.float32]
 T = TypeVar("T")
 
+# Error of a transfer function between the samples of its grid, as a share of all light. Chosen.
 _TRANSFER_ERROR = 1e-6
-"""Error of a transfer function between the samples of its grid, as a share of all light. Chosen."""
 
+# Cycles per sample from which on the transfer function of light with fewer than two samples a
+# diffraction spot fades out. Chosen.
 _ALIAS_FREE = 0.35
-"""Cycles per sample from which on the transfer function of light with fewer than two samples a
-diffraction spot fades out. Chosen."""
 
 
 class FarField:

@@ -28,12 +28,11 @@ Array = NDArray[np.float64]
 _State = tuple[LensProbe, float]
 
 
-_PICTURES = 4
-"""Pictures of a video, evenly spaced, that are probed at most. Chosen."""
+_PICTURES = 4  # pictures of a video, evenly spaced, that are probed at most. Chosen.
 
+# Share of the light by which the PSF of unmodulated light must be wider than those of the pattern
+# to be included. Chosen.
 _WIDER_SHARE = 1e-3
-"""Share of the light by which the PSF of unmodulated light must be wider than those of the pattern
-to be included. Chosen."""
 
 
 def panel_without_effects(panel: Panel) -> Panel:

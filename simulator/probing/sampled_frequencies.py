@@ -19,12 +19,11 @@ from optics.plane import Plane
 Array = NDArray[np.float64]
 Gain = Callable[[Array], Array]
 
-_BINS = 64
-"""Number of radial frequency bins without that of frequency 0."""
+_BINS = 64  # number of radial frequency bins without that of frequency 0
 
+# Bytes of the caches of bin numbers and of sorted entries. A frame of 2448 x 2048 pixels with its
+# margin takes 3 and 12 MB.
 _INDICES, _ORDERS = 16 << 20, 32 << 20
-"""Bytes of the caches of bin numbers and of sorted entries. A frame of 2448 x 2048 pixels with its
-margin takes 3 and 12 MB."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,7 @@ from simulator.probing.far_field import radii
 
 Array = NDArray[np.float64]
 
-_RINGS = 32 << 20
-"""Bytes of the cache of rings. A panel of 1920 x 1080 pixels takes 7 MB."""
+_RINGS = 32 << 20  # bytes of the cache of rings. A panel of 1920 x 1080 pixels takes 7 MB.
 
 
 @dataclass(frozen=True, eq=False)

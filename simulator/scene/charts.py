@@ -19,8 +19,7 @@ from simulator.scene.sheets import PaintedPicture
 
 __all__ = ["checker", "line_pairs", "outline", "siemens_star", "slanted_edge", "usaf_1951"]
 
-_PAPER, _INK = 0.9, 0.05
-"""Approximate reflectances of white paper and of black ink."""
+_PAPER, _INK = 0.9, 0.05  # approximate reflectances of white paper and of black ink
 
 
 def _require_tones(dark: float, bright: float) -> None:
@@ -146,8 +145,7 @@ def siemens_star(
     return Polygons((sheet, *wedges), (bright, *[dark - bright] * spokes))
 
 
-_ELEMENTS = 6
-"""Number of elements in a group."""
+_ELEMENTS = 6  # number of elements in a group
 
 
 def line_pairs(group: int, element: int) -> float:

@@ -41,19 +41,18 @@ def pixels_of(dump: bytes) -> NDArray[np.uint8]:
     return data[:, :size].reshape(rows, columns, bits // 8)[..., :3]
 
 
+# Families of addresses, FamilyLocal and FamilyWild of Xauth.h: this host, and every host.
 _LOCAL, _ANY = 256, 65535
-"""Families of addresses, FamilyLocal and FamilyWild of Xauth.h: this host, and every host."""
 
 _NAME = b"MIT-MAGIC-COOKIE-1"
 
-_COOKIE_BYTES = 16
-"""Bytes of a cookie, as xauth's `generate` makes them."""
+_COOKIE_BYTES = 16  # bytes of a cookie, as xauth's `generate` makes them
 
+# Seconds for which another program may hold the lock of the authority file. Chosen.
 _LOCK_TIMEOUT = 5.0
-"""Seconds for which another program may hold the lock of the authority file. Chosen."""
 
+# Seconds after which a lock is left over from a program that was killed; as in xauth.
 _LOCK_LIFE = 60.0
-"""Seconds after which a lock is left over from a program that was killed; as in xauth."""
 
 
 @dataclass(frozen=True)
@@ -189,12 +188,12 @@ def _take(made: Path, lock: Path) -> bool:
 
 _MUTE: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
 
+# Seconds within which one of X's tools must answer, also on a busy computer. Chosen.
 _TOOL_TIMEOUT = 60.0
-"""Seconds within which one of X's tools must answer, also on a busy computer. Chosen."""
 
+# Seconds within which a server must be up, and a program must end; and most times that a server
+# is started. Chosen.
 _START_TIMEOUT, _START_TRIES = 30.0, 3
-"""Seconds within which a server must be up, and a program must end; and most times that a server is
-started. Chosen."""
 
 
 class NoXServer(OSError):

@@ -116,6 +116,7 @@ _TEXTS = {
     "DeviceID": (0xD8, 16),
 }
 
+# Registers of whole numbers, and their limits.
 _NUMBERS = {
     "SensorHeight": (0x118, ""),
     "SensorWidth": (0x11C, ""),
@@ -127,10 +128,9 @@ _NUMBERS = {
     "BinningVertical": (0x10C, "<Min>1</Min><Max>4</Max>"),
     "AcquisitionFramePeriod": (0x138, "<Min>1000</Min><Max>100000000</Max>"),
 }
-"""Registers of whole numbers, and their limits."""
 
+# Names of the features, each once; the entries of a selector lie 64 bytes apart.
 _FEATURES = [name for name in FEATURES if "[" not in name]
-"""Names of the features, each once; the entries of a selector lie 64 bytes apart."""
 
 
 def genicam_xml(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> str:

@@ -24,9 +24,9 @@ from drivers.hosted.message_socket import MessageSocket
 HEADER_BYTES = 4096
 """Bytes of shared memory before the pictures; the first eight count the changes of the scene."""
 
+# Seconds between looks for a trigger, and for a stream that waits for triggers. Chosen: of no
+# account beside what a frame takes on its way.
 _TRIGGER_INTERVAL, _IDLE_INTERVAL = 2e-3, 10e-3
-"""Seconds between looks for a trigger, and for a stream that waits for triggers. Chosen: of no
-account beside what a frame takes on its way."""
 
 _FILL = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32

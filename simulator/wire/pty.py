@@ -14,8 +14,8 @@ from drivers.clock import RealClock
 from drivers.interfaces import Clock
 from simulator.wire.line import SimulatedLine
 
+# Seconds between checks whether the cable was unplugged or the thread must end.
 _POLL_INTERVAL = 0.02
-"""Seconds between checks whether the cable was unplugged or the thread must end."""
 
 
 class PtyLine:

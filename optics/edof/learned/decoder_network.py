@@ -27,12 +27,12 @@ from optics.validation import require_finite, require_same_shape
 Front = Literal["blind", "known", "none"]
 """The filter before the network: one for all depths, that of the capture's depth, or none."""
 
+# Factor of the channel that holds the noise level, so that usual levels are near 1. Chosen.
 _NOISE_SCALE = 20.0
-"""Factor of the channel that holds the noise level, so that usual levels are near 1. Chosen."""
 
+# Least and largest light that the network is given, where white is 1. What a filter makes beyond
+# them is ringing, whose size tells nothing more. Chosen.
 _DARKEST, _BRIGHTEST = -0.25, 1.5
-"""Least and largest light that the network is given, where white is 1. What a filter makes beyond
-them is ringing, whose size tells nothing more. Chosen."""
 
 
 @dataclass(frozen=True)

@@ -123,16 +123,15 @@ class VariSpecState:
 
 _LINE = re.compile(r"\s*([A-Za-z])\s*(.*?)\s*")
 
+# Error codes of illegal arguments, by command; other commands give a syntax error.
 _ILLEGAL = {
     "E": VariSpecErrorCode.ILLEGAL_EXERCISES,
     "I": VariSpecErrorCode.ILLEGAL_INITIALISATION,
     "M": VariSpecErrorCode.ILLEGAL_MODE,
     "G": VariSpecErrorCode.ILLEGAL_SYNC,
 }
-"""Error codes of illegal arguments, by command; other commands give a syntax error."""
 
-_STEPS = {">": 1, "<": -1}
-"""Arguments for one step up or down, of the wavelength or in the palette."""
+_STEPS = {">": 1, "<": -1}  # arguments for one step up or down, of the wavelength or in the palette
 
 _LEGAL = {"B": range(3), "M": (0, 4)}
 _LEGAL |= dict.fromkeys("CIR", range(2)) | dict.fromkeys("EGX", range(256))

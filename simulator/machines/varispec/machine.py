@@ -20,17 +20,16 @@ from simulator.machines.varispec.commands import (
 
 _ESCAPE, _BUSY, _STATUS = b"\x1b", b"!", b"@"
 
-_LOWER = "VBPM"
-"""Letters that some firmware answers in lower case."""
+_LOWER = "VBPM"  # letters that some firmware answers in lower case
 
 
+# Seconds of an initialisation, of one exercise of the liquid crystals, and of an abort by ESC.
+# Chosen.
 _INITIALISATION, _EXERCISE, _ABORT = 30.0, 12.0, 0.02
-"""Seconds of an initialisation, of one exercise of the liquid crystals, and of an abort by ESC.
-Chosen."""
 
+# Seconds of any other command, by the manual "within a millisecond or two", and those in which
+# the RS-232 electronics calculate the drive levels of a wavelength, chosen.
 _COMMAND, _CALCULATION_RS232 = 0.0015, 0.3
-"""Seconds of any other command, by the manual "within a millisecond or two", and those in which the
-RS-232 electronics calculate the drive levels of a wavelength, chosen."""
 
 
 def _warm_up_temperature(t: float) -> float:
