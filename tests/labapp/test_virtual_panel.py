@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -52,7 +51,7 @@ def test_an_x_server_that_hangs_is_told_and_ended(tmp_path, monkeypatch):
     program.write_text(f"#!/bin/sh\necho $$ >{number}\nexec sleep 1000\n")
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
-    monkeypatch.setattr(server, "SETTINGS", replace(server.SETTINGS, start_timeout=1.0))
+    monkeypatch.setattr(server, "_START_TIMEOUT", 1.0)
     with pytest.raises(UserError, match="Xvfb didn't start"), ExitStack() as stack:
         panels._start_xvfb(48, 64, stack)
     assert not Path("/proc", number.read_text().strip()).exists()

@@ -25,7 +25,7 @@ RENDERING = (
     (kernels, "add_aberrations"),
     (objects, "angle_share"),
     *((picture, name) for name in (
-        "vibration_transfer", "distort", "ghost_on_pixels", "cast_shadows", "mix_neighbours"
+        "rfft2_frequencies", "distort", "ghost_on_pixels", "cast_shadows", "mix_neighbours"
     )),
 )  # fmt: skip
 
