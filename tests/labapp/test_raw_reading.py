@@ -242,6 +242,7 @@ def test_libraws_lines_are_kept_from_the_terminal_and_others_are_not(capfd):
 
 
 @pytest.mark.shared
+@pytest.mark.skipif(not SHARED.exists(), reason="needs the data beside the checkout")
 def test_the_shared_cameras_mosaic_is_read_and_not_its_preview():
     path = SHARED / "camera.dng"
     with tifffile.TiffFile(path) as file:
