@@ -25,10 +25,12 @@ class GramOperator:
     Parameters
     ----------
     domain : {"pixels", "frequencies", "bands"}
-        What is multiplied by the weights: each pixel, or each coefficient of the picture's rfft2.
-        "bands": at each pixel, the bands are multiplied by the outer product of its weights.
+        "pixels": each pixel is multiplied by its weight. "frequencies": each coefficient of the
+        picture's rfft2 is multiplied by its weight. "bands": at each pixel, the bands are
+        multiplied by the outer product of the pixel's weights with themselves.
     weights : torch.Tensor
-        (..., rows, columns), of an rfft2 for "frequencies"; (bands, rows, columns) for "bands".
+        The weights: (..., rows, columns) for "pixels", (..., rows, columns // 2 + 1) for
+        "frequencies", (bands, rows, columns) for "bands".
     shape : tuple of int
         The picture's (rows, columns).
     diagonal : torch.Tensor, optional
@@ -57,9 +59,23 @@ class GramOperator:
         return product if self.diagonal is None else self.diagonal * x - product
 
     def inverse(self, penalty: float | torch.Tensor) -> GramOperator:
-        """Compute the inverse of A^T A + penalty, which needs no more memory than A^T A.
+        """Compute the inverse of A^T A + penalty.
 
-        Raises ValueError if `penalty` isn't positive everywhere. It broadcasts to `weights`.
+        Parameters
+        ----------
+        penalty : float or torch.Tensor
+            Positive; one number, or one for each band, pixel or frequency, of a shape that
+            broadcasts to that of `weights`.
+
+        Returns
+        -------
+        GramOperator
+            The inverse, which needs no more memory than A^T A.
+
+        Raises
+        ------
+        ValueError
+            If `penalty` isn't positive everywhere.
         """
         added = torch.as_tensor(penalty, dtype=self.weights.dtype)
         least = float(added.min())
@@ -73,7 +89,10 @@ class GramOperator:
         return GramOperator("bands", along, self.shape, added.reciprocal())
 
     def after_diagonal(self, domain: Domain, values: torch.Tensor) -> GramOperator | None:
-        """Return the Gram operator of A D for a D with this diagonal; None without closed form."""
+        """Return the Gram operator of A D, where D is diagonal in pixels or in frequencies.
+
+        `values` are D's diagonal. The result is None where it has no closed form.
+        """
         if domain == self.domain:
             return GramOperator(domain, self.weights * squared_modulus(values), self.shape)
         if (domain, self.domain) == ("pixels", "bands"):
@@ -92,10 +111,11 @@ Shape = tuple[int, ...]
 
 
 class Operator(ABC):
-    """Base class of a linear map A between real arrays; differentiable.
+    """Base class of a linear map A between real arrays.
 
-    ``first_then = then @ first`` chains operators, ``+`` adds them, and ``.T`` is the transpose. A
-    call and `adjoint` raise ValueError for an array whose last axes have another shape.
+    Differentiable. ``first_then = then @ first`` chains operators, ``+`` adds them, and ``.T`` is
+    the transpose as an operator of its own. A call and `adjoint` raise ValueError for an array
+    whose last axes have another shape.
 
     Attributes
     ----------
@@ -113,6 +133,11 @@ class Operator(ABC):
 
     @abstractmethod
     def _adjoint(self, y: torch.Tensor) -> torch.Tensor: ...
+
+    @property
+    @abstractmethod
+    def bytes(self) -> int:
+        """The memory in bytes that one call needs besides input and output."""
 
     @property
     def diagonal(self) -> tuple[Domain, torch.Tensor] | None:
@@ -147,12 +172,14 @@ class Operator(ABC):
     def norm(self) -> float:
         """Compute the largest ``|A x|`` over all x of norm 1.
 
-        It is exact where A^T A is known as a GramOperator. Otherwise at most 100 steps of power
-        iteration approach the norm from below.
+        It is exact where A^T A is known as a GramOperator. Otherwise a power iteration approaches
+        the norm from below.
         """
         gram = self.gram
-        if gram:
-            return math.sqrt(gram.largest_eigenvalue)
+        return math.sqrt(gram.largest_eigenvalue) if gram else self._norm_by_power()
+
+    def _norm_by_power(self) -> float:
+        """Approximate the norm from below by at most 100 steps of power iteration."""
         x = torch.rand(self.domain, generator=torch.Generator().manual_seed(0)) + 0.5
         found = 0.0
         for _ in range(100):
@@ -189,6 +216,10 @@ class _Transpose(Operator):
 
     def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
         return self._of._forward(y)
+
+    @property
+    def bytes(self) -> int:
+        return self._of.bytes
 
     @property
     def T(self) -> Operator:
@@ -254,6 +285,11 @@ class OperatorProduct(Operator):
             found = None if found is None else step.gram_with(found)
         return found
 
+    @property
+    def bytes(self) -> int:
+        """The memory in bytes of the step that needs most."""
+        return max(step.bytes for step in self.steps)
+
 
 class OperatorSum(Operator):
     """The sum of several operators.
@@ -288,6 +324,11 @@ class OperatorSum(Operator):
     def diagonal(self) -> tuple[Domain, torch.Tensor] | None:
         """The sum of all factors, if all act on pixels, or all on frequencies."""
         return _common_diagonal(self.parts, torch.add)
+
+    @property
+    def bytes(self) -> int:
+        """The memory in bytes of the part that needs most."""
+        return max(part.bytes for part in self.parts)
 
 
 def _common_diagonal(

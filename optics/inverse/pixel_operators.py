@@ -12,7 +12,9 @@ from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 
 class CentredCrop(Operator):
-    """Crops the middle of a larger picture; the transpose pads a picture with zeros.
+    """Crops the middle of a larger picture, as a frame shows only part of the scene.
+
+    The transpose pads a picture with zeros.
 
     Parameters
     ----------
@@ -45,6 +47,11 @@ class CentredCrop(Operator):
         return centred_pad(y, self._whole)
 
     @property
+    def bytes(self) -> int:
+        """The memory in bytes that one call needs besides input and output: none."""
+        return 0
+
+    @property
     def gram(self) -> GramOperator:
         """A^T A, which is diagonal in pixels."""
         inside = centred_pad(torch.ones(self._shape), self._whole)
@@ -64,7 +71,8 @@ class Mask(Operator):
     Parameters
     ----------
     weights : torch.Tensor or numpy.ndarray
-        (rows, columns), or (bands, rows, columns), finite; 0 where a pixel is dead.
+        (rows, columns), or (bands, rows, columns), finite. For example 0 where a pixel is dead or
+        clipped and 1 elsewhere, or the share of the light that each pixel gets.
 
     Raises
     ------
@@ -83,6 +91,11 @@ class Mask(Operator):
 
     def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
         return y * self.weights
+
+    @property
+    def bytes(self) -> int:
+        """The memory in bytes that one call needs besides input and output: none."""
+        return 0
 
     @property
     def diagonal(self) -> tuple[Domain, torch.Tensor]:
@@ -121,6 +134,11 @@ class SpectralMosaic(Operator):
         return y[..., None, :, :] * self.weights
 
     @property
+    def bytes(self) -> int:
+        """The memory in bytes that one call needs besides input and output."""
+        return self.weights.nelement() * self.weights.element_size()
+
+    @property
     def gram(self) -> GramOperator:
         """A^T A, which is an outer product over the bands at each pixel."""
         return GramOperator("bands", self.weights, (self.domain[-2], self.domain[-1]))
@@ -132,10 +150,12 @@ def filter_weights(
 ) -> torch.Tensor:
     """Repeat a pattern of colour filters over a picture, and return what each pixel transmits.
 
+    The pattern repeats from the first pixel on.
+
     Parameters
     ----------
     pattern : sequence of str
-        Rows of one letter for each pixel, such as ("RG", "GB"), from the first pixel on.
+        Rows of one letter for each pixel, such as ("RG", "GB").
     response : torch.Tensor or numpy.ndarray
         (channels, bands): the share of each band that each letter's filter transmits.
     channels : str

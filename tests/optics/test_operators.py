@@ -125,6 +125,7 @@ def test_norm_and_gram_are_those_of_the_matrix(name, shape):
     a = operators(shape)[name]
     m = matrix(a)
     assert a.norm() == pytest.approx(float(torch.linalg.matrix_norm(m, 2)), rel=2e-2)
+    assert a.bytes >= 0
     if a.gram is None:
         return
     x = numbers(*a.domain, seed=10)
