@@ -228,6 +228,13 @@ def pupil_phase(
     return 2 * math.pi / wavelength * path
 
 
+def pupil_phase_on_panel(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
+    """Compute the phase at the panel's pixel centres, (rows, columns), in radians."""
+    radius = camera.lens.stop_diameter / 2
+    y, x = camera.panel.plane.mesh()
+    return pupil_phase(camera.lens, distance, wavelength, y / radius, x / radius)
+
+
 def phase_slope_bound(
     lens: Lens, distance: float, wavelength: float, tilt: float
 ) -> PhaseSlopeBound:

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.convolution import convolve_valid
 from simulator.effects.psf_bounds import is_uniform_scene
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import spectral_measure
-from simulator.formation.coarse_orders import convolve_valid
 from simulator.formation.nodes import gauss_quadrature
 from simulator.formation.windows import max_blur_distance
 from simulator.probing.far_field import cut_kernel

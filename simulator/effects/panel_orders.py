@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.plane import Plane
+from simulator.convolution import convolve_valid
 from simulator.effects.electron_bounds import max_light_seconds
 from simulator.effects.landed_light import cell_pixels, detail_factor, kernel_over_band
 from simulator.effects.light_effects import FAR, BlurEffect, light_share_bound, transfer_error_bound
 from simulator.effects.psf_bounds import can_orders_reach_sensor, has_occlusion
 from simulator.effects.rendering_work import LEVELS, PANEL_ORDERS, PSF_REACH, are_orders_coarse
 from simulator.effects.result_cache import cached_across_exposures
-from simulator.formation.coarse_orders import convolve_valid, order_cell_pixels
+from simulator.formation.coarse_orders import order_cell_pixels
 from simulator.formation.windows import ORDER_FADE_PIXELS, max_blur_distance
 from simulator.planning import Bound
 from simulator.recipe import Recipe

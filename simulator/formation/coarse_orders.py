@@ -7,11 +7,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import scipy.fft
 import torch
 from numpy.typing import NDArray
 
 from optics.plane import Plane
+from simulator.convolution import convolve_valid
 from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
@@ -181,22 +181,3 @@ def _interpolation_matrix(count: int, cells: int, pixels: int) -> torch.Tensor:
     """
     place = (torch.arange(count) - count // 2) / pixels + cells // 2
     return (1 - (place[:, None] - torch.arange(cells)).abs()).clamp(min=0)
-
-
-def convolve_valid(
-    picture: NDArray[np.floating], kernel: NDArray[np.floating]
-) -> NDArray[np.floating]:
-    """Convolve a picture with a kernel by Fourier transforms, without the picture's borders.
-
-    The same as `scipy.signal.fftconvolve` with mode "valid", whose package takes half a second to
-    load, for which the first picture needn't wait. Raises ValueError for a kernel larger than the
-    picture.
-    """
-    if any(small > large for small, large in zip(kernel.shape, picture.shape, strict=True)):
-        raise ValueError(f"kernel has shape {kernel.shape}: larger than picture, {picture.shape}")
-    # What wraps around stays in the borders that are left out.
-    size = [scipy.fft.next_fast_len(n, real=True) for n in picture.shape]
-    product = scipy.fft.rfft2(picture, size) * scipy.fft.rfft2(kernel, size)
-    rows, columns = (slice(k - 1, n) for k, n in zip(kernel.shape, picture.shape, strict=True))
-    whole: NDArray[np.floating] = scipy.fft.irfft2(product, size)
-    return whole[rows, columns]

@@ -94,10 +94,14 @@ class Cube(FramedPicture):
         Spectrum(self.wavelengths, (0.0,) * len(self.wavelengths))
 
     @cached_property
-    def layers(self) -> tuple[Layer, ...]:
+    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+        """Reflectances and pictures whose products sum to the cube, within the tolerance."""
         samples = self.image.reshape(-1, self.image.shape[2]).numpy().astype(np.float64)
         weights, basis = factorise_spectra(samples, self.tol)
         pictures = map(torch.from_numpy, weights.T.reshape(-1, *self.shape).astype(np.float32))
         spectra = (Spectrum(self.wavelengths, tuple(one)) for one in basis)
-        painted = zip(map(extend_to_silicon_range, spectra), pictures, strict=True)
-        return (self.painted_layer(self.distance, painted),)
+        return tuple(zip(map(extend_to_silicon_range, spectra), pictures, strict=True))
+
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        return (self.painted_layer(self.distance, self.images),)

@@ -139,6 +139,11 @@ class PhotographPrint(FramedPicture):
         super().__post_init__()
         require_colours(self.image)
 
+    @property
+    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+        """The reflectances of the primaries, and their pictures."""
+        return colour_planes(self.basis, self.image)
+
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        return (self.painted_layer(self.distance, colour_planes(self.basis, self.image)),)
+        return (self.painted_layer(self.distance, self.images),)

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from optics.light.spectrum import Spectrum
 from optics.validation import require_positive
 from simulator.scene.colours import Basis, primaries
 from simulator.scene.framed import FramedPicture, colour_planes, require_colours
@@ -104,6 +105,11 @@ class Relief(FramedPicture):
             raise ValueError("depths must be positive and finite, and known somewhere")
         object.__setattr__(self, "distance", float(known.min()))
         super().__post_init__()
+
+    @property
+    def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
+        """The reflectances of the primaries, and their pictures, without the distances."""
+        return colour_planes(self.basis, self.image)
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:

@@ -9,15 +9,9 @@ from optics.camera import Camera, Lens, Panel
 from optics.camera.pupil import (
     phase_step_per_pixel,
     pupil_amplitude,
-    pupil_phase,
+    pupil_phase_on_panel,
     vergence_error,
 )
-
-
-def pupil_phase_on_panel(camera: Camera, distance, wavelength):
-    radius = camera.lens.stop_diameter / 2
-    y, x = camera.panel.plane.mesh()
-    return pupil_phase(camera.lens, distance, wavelength, y / radius, x / radius)
 
 
 def camera_with_stop(shape, pitch, diameter) -> Camera:

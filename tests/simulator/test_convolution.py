@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from simulator.formation.coarse_orders import convolve_valid
+from simulator.convolution import convolve_valid
 
 
 @pytest.mark.parametrize(
