@@ -161,7 +161,7 @@ def spectral_angle(image: torch.Tensor, reference: torch.Tensor, least_norm: flo
 
     image, reference: light of each band, of any unit, (bands, rows, columns).
     least_norm: length of a pixel's spectrum in `reference` that must be exceeded for the pixel to
-        count: the spectra of dark pixels are noise.
+    count: the spectra of dark pixels are noise.
     """
     _require_same_shape_and_finite(image=image, reference=reference)
     if image.ndim != 3:

@@ -69,7 +69,7 @@ class PatternTransfer(ABC):
 
     @abstractmethod
     def transfer(self, light: torch.Tensor) -> torch.Tensor:
-        """Compute the OTF from the light |wave|² at the samples."""
+        """Compute the OTF from the light ``|wave|²`` at the samples."""
 
     @abstractmethod
     def transfer_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:
