@@ -14,13 +14,14 @@ from labapp.accuracy.command import show_measurements
 from labapp.accuracy.option_validation import require_pattern
 from labapp.accuracy.references.chain_problem import ChainProblem
 from labapp.accuracy.references.psf_problem import PSFReference
-from labapp.accuracy.warm_up import first_uses, similar_wavelength
 from labapp.accuracy.work_precision import (
     LONGEST_CALL,
     Candidate,
+    Comparison,
     Row,
     candidates_by_tolerance,
     measure,
+    similar_wavelength,
 )
 from labapp.common.console import terminal_progress
 from labapp.common.errors import UserError
@@ -162,6 +163,15 @@ def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iter
     return candidates_by_tolerance(row, problem.methods, TOLERANCES, plan, build_call)
 
 
+def compare_methods(case: ChainCase, budget: Budget) -> Comparison:
+    """Return what is measured of a chain's PSF, with the exact one on some samples."""
+    reference = build_reference(case.problem)
+    truth = reference.exact_samples
+    other = replace(case.problem, wavelength=similar_wavelength(case.problem.wavelength))
+    similar = candidates(ChainCase(other, case.name), reference, budget)
+    return Comparison(list(candidates(case, reference, budget)), truth, similar)
+
+
 @single_threaded
 def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | None) -> None:
     """Measure error and time of every PSF method for a chain, and print the rows.
@@ -172,12 +182,7 @@ def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | 
     with terminal_progress() as progress:
         budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)), seconds=LONGEST_CALL)
         progress.report(0.1, "the exact integral")
-        reference = build_reference(case.problem)
-        truth = reference.exact_samples
+        found, truth, similar = compare_methods(case, budget)
         progress.report(0.3, "planning")
-        found = list(candidates(case, reference, budget))
-        other = replace(case.problem, wavelength=similar_wavelength(case.problem.wavelength))
-        similar = candidates(ChainCase(other, case.name), reference, budget)
-        rest = progress.part(0.3, 1.0)
-        measured = measure(found, truth, rest, warm_up=first_uses(similar))
+        measured = measure(found, truth, progress.part(0.3, 1.0), warm_up=similar)
     show_measurements("Chain", case.name, measured, as_json, plot)

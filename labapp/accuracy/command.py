@@ -9,7 +9,7 @@ from rich.console import Console
 
 from labapp.accuracy.diagram import draw
 from labapp.accuracy.peers import installed_peers
-from labapp.accuracy.psf import candidates, exact_psf
+from labapp.accuracy.psf import compare_methods
 from labapp.accuracy.regression_check import (
     LESS_ACCURATE,
     SLOWER,
@@ -19,13 +19,7 @@ from labapp.accuracy.regression_check import (
     require_comparable_rows,
     slower_rows,
 )
-from labapp.accuracy.row_output import (
-    Columns,
-    format_number,
-    print_rows,
-    write_plot,
-)
-from labapp.accuracy.warm_up import first_uses, similar_wavelength
+from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
 from labapp.accuracy.work_precision import LONGEST_CALL, MeasurementSet, Row, measure, time_calls
 from labapp.common.console import err, out, terminal_progress
 from labapp.common.speed import machine_speed
@@ -55,14 +49,11 @@ def accuracy_psf(
     adapters = installed_peers("psf") if peers else []
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
-        truth = exact_psf(case, progress.part(0.1, 0.2))
         budget = Budget(speed=speed, seconds=LONGEST_CALL)
-        found = list(candidates(case, budget))
-        similar = replace(case, wavelength=similar_wavelength(case.wavelength))
-        warm_up = first_uses(candidates(similar, budget, grids=False))
+        found, truth, similar = compare_methods(case, budget, progress.part(0.1, 0.2), grids=True)
         found += [one for adapter in adapters for one in adapter(case)]
         rest = progress.part(0.2, 0.9 if stored else 1.0)
-        measured = measure(found, truth, rest, warm_up=warm_up)
+        measured = measure(found, truth, rest, warm_up=similar)
         worse = _find_regressions(measured, stored, progress.part(0.9, 1.0)) if stored else []
     show_measurements("PSF", case.name, measured, as_json, plot)
     if stored is not None:

@@ -6,12 +6,14 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 
 from labapp.accuracy.edof_case import EdofCase
+from labapp.accuracy.measuring_loop import measure_rows
 from labapp.accuracy.row_output import Columns, format_number
-from labapp.accuracy.work_precision import CALLS, CUT, Deadline, Row, mark_front
+from labapp.accuracy.work_precision import CALLS, Deadline, Row
 from labapp.common.errors import UserError
 from optics.edof.depth_bound import known_depth_bound
 from optics.edof.dioptres import random_dioptres
@@ -97,25 +99,21 @@ def measure_designs(
         bound = _bound_level(case)
     except ValueError as error:
         raise UserError(f"no pattern is designed for this camera: {error}.") from error
-    rows, planned = list[DesignRow](), list(_planned_rows(case, most_steps))
-    _warm_up(case, planned[0], bound, deadline)
-    for number, (variant, row) in enumerate(planned):
-        part = progress.part(number / len(planned), (number + 1) / len(planned))
-        part.report(0.0, f"{row.method}, {row.iterations} steps")
-        if deadline.is_over:
-            rows.append(replace(row, failure=CUT))
-            continue
-        try:
-            rows.append(_measure(case, variant, replace(row, bound_db=bound), part))
-        except ValueError as error:
-            rows.append(replace(row, failure=str(error)))
-    return mark_front(rows)
+    planned, measure = list(_planned_rows(case, most_steps)), partial(_measure, case, bound)
+    if not deadline.is_over:
+        # A single step, so that what is loaded at first is in no row's time.
+        with suppress(ValueError):
+            row, variant = planned[0]
+            measure(replace(row, iterations=1), variant, Progress())
+    return measure_rows(
+        planned, measure, lambda row: f"{row.method}, {row.iterations} steps", progress, deadline
+    )
 
 
 def _planned_rows(
     case: EdofCase, most_steps: int
-) -> Iterator[tuple[tuple[str, str, int], DesignRow]]:
-    """Yield each way to design and the row that it is to fill; long searches come last."""
+) -> Iterator[tuple[DesignRow, tuple[str, str, int]]]:
+    """Yield the rows to fill, each with its way to design; long searches come last."""
     counts = [count for count in STEPS if count <= most_steps] or [most_steps]
     # Free patterns take so long that one number of steps must do.
     slow = max((one for one in counts if one <= most_steps / _SLOW_STEPS), default=counts[0])
@@ -130,20 +128,7 @@ def _planned_rows(
             row = DesignRow(
                 "edof-design", case.camera_name, words, "float32", None, iterations=count
             )
-            yield variant, replace(row, chosen_for=CALLS[-1:] if variant == _USUAL else ())
-
-
-def _warm_up(
-    case: EdofCase,
-    planned: tuple[tuple[str, str, int], DesignRow],
-    bound: float,
-    deadline: Deadline,
-) -> None:
-    """Design with a single step, so that what is loaded at first is in no row's time."""
-    variant, row = planned
-    if not deadline.is_over:
-        with suppress(ValueError):
-            _measure(case, variant, replace(row, iterations=1, bound_db=bound), Progress())
+            yield replace(row, chosen_for=CALLS[-1:] if variant == _USUAL else ()), variant
 
 
 def _bound_level(case: EdofCase) -> float:
@@ -155,7 +140,7 @@ def _bound_level(case: EdofCase) -> float:
 
 
 def _measure(
-    case: EdofCase, variant: tuple[str, str, int], row: DesignRow, progress: Progress
+    case: EdofCase, bound: float, row: DesignRow, variant: tuple[str, str, int], progress: Progress
 ) -> DesignRow:
     """Design a pattern in one way, and measure its level and time."""
     parametrisation, start, depths = variant
@@ -183,10 +168,10 @@ def _measure(
     began = time.process_time()
     level = rate_pattern(transfer, found.phase, spectrum, case.noise, others).blind
     rating = time.process_time() - began
-    assert row.bound_db is not None
     return replace(
         row,
-        error_achieved=row.bound_db - level,
+        error_achieved=bound - level,
+        bound_db=bound,
         # The search itself rates its start and its result, at as many depths.
         cpu_s=max(spent - 2 * rating, spent / row.iterations / 10),
         wall_s=wall,

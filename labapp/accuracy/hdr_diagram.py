@@ -1,18 +1,42 @@
-"""Draws the error of merges of exposure brackets by the exposures and by the time they take."""
+"""What a merge of an exposure bracket reached: its row, and the diagram of many."""
 
 from __future__ import annotations
 
 import math
 import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from labapp.accuracy.hdr_row import ERROR_NAME, MergeRow
 from labapp.accuracy.reading import failure_sentences
 from labapp.accuracy.row_output import describe_machine
+from labapp.accuracy.work_precision import Row
+
+ERROR_NAME = "error of the light, relative"
+
+
+@dataclass(frozen=True)
+class MergeRow(Row):
+    """Measured error and time of a merge.
+
+    error_achieved: root mean square of relative errors over all levels of light.
+    error_predicted: the same as the merge states it.
+    frames: number of exposures.
+    exposure_s: sum of the exposure times, seconds.
+    efficiency, least_efficiency: least variance of any unbiased estimate (Cramér and Rao) over the
+    mean squared error: of the sums over all levels, and at the level where it's least.
+    bias: largest mean relative error of a level that isn't chance; 0 if all may be.
+    """
+
+    frames: int = 0
+    exposure_s: float = 0.0
+    efficiency: float | None = None
+    least_efficiency: float | None = None
+    bias: float | None = None
+
 
 _LETTERS = 150
 """Letters of a line under the diagram."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,22 +11,17 @@ from typing import Any
 import numpy as np
 
 from labapp.accuracy.diagram import draw
+from labapp.accuracy.measuring_loop import measure_rows, time_answers
 from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
 from labapp.accuracy.spectral_case import SpectralCase
-from labapp.accuracy.work_precision import (
-    CALLS,
-    CUT,
-    Deadline,
-    RetimingSettings,
-    Row,
-    mark_front,
-)
+from labapp.accuracy.work_precision import CALLS, CUT, Deadline, Row
 from labapp.common.console import print_message, terminal_progress
 from optics.multispectral import restore_by_published_objective, restore_spectra
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_TIMING = RetimingSettings(short_s=2.0)
+_SHORT_S = 2.0
+"""Processor seconds below which a restoration is timed several times; chosen."""
 
 _COUNTS = (10, 20, 50, 100, 200)
 _PUBLISHED_COUNTS = (30, 100, 300)
@@ -97,21 +90,21 @@ def measure_multispectral(
     Rows that no other row beats in both time and error are marked. What is left at the deadline is
     named as cut.
     """
-    deadline = deadline or Deadline()
-    settings = _settings(case)
-    rows = list[MultispectralRow]()
-    for number, (name, count, solve) in enumerate(settings):
-        progress.report(number / len(settings), f"{name}, {count}")
-        empty = MultispectralRow(
-            "multispectral", case.name, name, "float32", None, iterations=count
-        )
-        if deadline.is_over:
-            rows.append(replace(empty, failure=CUT))
-            continue
-        row = _measure(case, empty, solve)
-        usual = name == _ADAPTS and count == _USUAL_COUNT
-        rows.append(replace(row, chosen_for=CALLS[-1:] if usual else ()))
-    return mark_front(rows)
+    empty = MultispectralRow("multispectral", case.name, "", "float32", None)
+    rows = measure_rows(
+        [(replace(empty, method=name, iterations=n), solve) for name, n, solve in _settings(case)],
+        partial(_measure, case),
+        lambda row: f"{row.method}, {row.iterations}",
+        progress,
+        deadline,
+    )
+    usual = (_ADAPTS, _USUAL_COUNT)
+    return [
+        replace(row, chosen_for=CALLS[-1:])
+        if (row.method, row.iterations) == usual and row.failure != CUT
+        else row
+        for row in rows
+    ]
 
 
 def _settings(case: SpectralCase) -> list[tuple[str, int, Callable[[], Any]]]:
@@ -134,24 +127,17 @@ def _settings(case: SpectralCase) -> list[tuple[str, int, Callable[[], Any]]]:
 
 
 def _measure(
-    case: SpectralCase, row: MultispectralRow, solve: Callable[[], Any]
+    case: SpectralCase, row: MultispectralRow, solve: Callable[[], Any], _: Progress
 ) -> MultispectralRow:
     """Measure error and time of one restoration."""
-    times, wall = list[float](), time.perf_counter()
-    try:
-        while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
-            started = time.process_time()
-            bands = np.asarray(solve().image, dtype=np.float64)
-            times.append(time.process_time() - started)
-    except ValueError as error:
-        return replace(row, failure=str(error))
+    bands, cpu, wall = time_answers(lambda: np.asarray(solve().image, np.float64), _SHORT_S)
     truth = case.snapshot.truth
     levels = case.snapshot.band_levels(bands)
     return replace(
         row,
         error_achieved=float(np.linalg.norm(bands - truth) / np.linalg.norm(truth)),
-        cpu_s=statistics.median(times),
-        wall_s=(time.perf_counter() - wall) / len(times),
+        cpu_s=cpu,
+        wall_s=wall,
         psnr_db=float(np.mean(levels)),
         least_db=min(levels),
     )

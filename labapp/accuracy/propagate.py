@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -28,13 +28,14 @@ from labapp.accuracy.references.free_space import (
     product_count,
 )
 from labapp.accuracy.references.samples import draw_samples
-from labapp.accuracy.warm_up import first_uses, similar_wavelength
 from labapp.accuracy.work_precision import (
     LONGEST_CALL,
     Candidate,
+    Comparison,
     Row,
     candidates_by_tolerance,
     measure,
+    similar_wavelength,
 )
 from labapp.common.console import terminal_progress
 from labapp.common.errors import UserError
@@ -47,24 +48,15 @@ from optics.threads import single_threaded
 TOLERANCES = tuple(10.0**-k for k in range(1, 9))
 
 
-@dataclass(frozen=True)
-class FreeSpaceComparisonSettings:
-    """Limit what is computed to compare methods for free space.
+_MAX_METHOD_S = 2.0
+"""Predicted processor seconds beyond which a method isn't tried; chosen."""
 
-    max_method_s: predicted processor time of a method, in seconds, beyond which it isn't tried.
-    Chosen.
-    max_samples, min_samples: most and fewest samples of the target that are compared. Chosen.
-    max_products: values of the propagation kernel that the exact field may take; beyond that fewer
-    samples are compared. Chosen.
-    """
+_MIN_SAMPLES, _MAX_SAMPLES = 8, 64
+"""Fewest and most samples of the target that are compared; chosen."""
 
-    max_method_s: float = 2.0
-    max_samples: int = 64
-    min_samples: int = 8
-    max_products: float = 3e7
-
-
-_SETTINGS = FreeSpaceComparisonSettings()
+_MAX_PRODUCTS = 3e7
+"""Values of the propagation kernel that the exact field may take; beyond that fewer samples are
+compared. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -182,14 +174,12 @@ class FieldReference:
 
     def __init__(self, case: FieldCase) -> None:
         light = np.abs(_rough_field(case)) ** 2
-        count = _SETTINGS.max_samples
+        count = _MAX_SAMPLES
         while True:
             self._where, self._weight = draw_samples(np.random.default_rng(0), light, count)
             places = _places(case, self._where)
-            if (
-                count <= _SETTINGS.min_samples
-                or _product_count(case, places) <= _SETTINGS.max_products
-            ):
+            products = product_count(case.field, places, paraxial=case.paraxial)
+            if count <= _MIN_SAMPLES or products <= _MAX_PRODUCTS:
                 break
             count //= 2
         self.exact_samples = self.weighted_samples(
@@ -217,11 +207,6 @@ def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
     rows, columns = np.divmod(where, case.target.shape[1])
     y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
     return Places(y[rows], x[columns], case.distance, case.wavelength)
-
-
-def _product_count(case: FieldCase, places: Places) -> float:
-    """Estimate how many products the exact field takes."""
-    return product_count(case.field, places, paraxial=case.paraxial)
 
 
 def _rough_field(case: FieldCase) -> Complex:
@@ -255,12 +240,25 @@ def _plan_within_time_limit(
 ) -> FreeSpace:
     operator = case.operator(tol, method=method, calls=calls, budget=budget)
     predicted = operator.account.cpu_predicted
-    if predicted > _SETTINGS.max_method_s:
+    if predicted > _MAX_METHOD_S:
         raise ValueError(
-            f"the {operator.method} takes {predicted:.0f} s, and {_SETTINGS.max_method_s:g} s are "
-            "tried"
+            f"the {operator.method} takes {predicted:.0f} s, and {_MAX_METHOD_S:g} s are tried"
         )
     return operator
+
+
+def compare_methods(
+    case: FieldCase, budget: Budget, adapters: Sequence[Callable[..., Any]] = ()
+) -> Comparison:
+    """Return what is measured of a field, with the exact one on some samples.
+
+    adapters: to other libraries, see `labapp.accuracy.peers`.
+    """
+    reference = FieldReference(case)
+    found = list(candidates(case, reference, budget))
+    found += [one for adapter in adapters for one in adapter(case, reference.samples_of)]
+    similar = replace(case, wavelength=similar_wavelength(case.wavelength))
+    return Comparison(found, reference.exact_samples, candidates(similar, reference, budget))
 
 
 @single_threaded
@@ -273,11 +271,6 @@ def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Pat
     adapters = installed_peers("propagate") if peers else []
     with terminal_progress() as progress:
         budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)), seconds=LONGEST_CALL)
-        reference = FieldReference(case)
-        found = list(candidates(case, reference, budget))
-        found += [one for adapter in adapters for one in adapter(case, reference.samples_of)]
-        similar = replace(case, wavelength=similar_wavelength(case.wavelength))
-        warm_up = first_uses(candidates(similar, reference, budget))
-        rest = progress.part(0.2, 1.0)
-        measured = measure(found, reference.exact_samples, rest, warm_up=warm_up)
+        found, truth, similar = compare_methods(case, budget, adapters)
+        measured = measure(found, truth, progress.part(0.2, 1.0), warm_up=similar)
     show_measurements("Free space", case.name, measured, as_json, plot)

@@ -13,9 +13,11 @@ from labapp.accuracy.references.lens_integral import lens_psf
 from labapp.accuracy.references.round_lens import Picture, round_lens_psf
 from labapp.accuracy.work_precision import (
     Candidate,
+    Comparison,
     PlannedCall,
     Row,
     candidates_by_tolerance,
+    similar_wavelength,
 )
 from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Budget
@@ -41,6 +43,16 @@ def exact_psf(case: LensCase, progress: Progress) -> Picture:
     if case.is_clear_thin_on_axis:
         return round_lens_psf(case.lens, case.distance, case.wavelength, case.pitch, case.size)
     return lens_psf(case.lens, case.distance, case.wavelength, case.pixels, progress)
+
+
+def compare_methods(
+    case: LensCase, budget: Budget, progress: Progress, *, grids: bool
+) -> Comparison:
+    """Return what is measured of a lens's PSF, with the exact one."""
+    truth = exact_psf(case, progress)
+    similar = replace(case, wavelength=similar_wavelength(case.wavelength))
+    found = list(candidates(case, budget, grids=grids))
+    return Comparison(found, truth, candidates(similar, budget, grids=False))
 
 
 def candidates(case: LensCase, budget: Budget, *, grids: bool = True) -> Iterator[Candidate]:

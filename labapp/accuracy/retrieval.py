@@ -6,25 +6,15 @@ import statistics
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import torch
 
 from labapp.accuracy.diagram import draw
-from labapp.accuracy.row_output import (
-    Columns,
-    format_number,
-    print_rows,
-    write_plot,
-)
-from labapp.accuracy.work_precision import (
-    CALLS,
-    CUT,
-    Deadline,
-    RetimingSettings,
-    Row,
-    mark_front,
-)
+from labapp.accuracy.measuring_loop import measure_rows
+from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
+from labapp.accuracy.work_precision import CALLS, Deadline, Row
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
@@ -40,7 +30,8 @@ from optics.retrieval.methods import quick_method
 from optics.threads import single_threaded
 
 _ITERATIONS = (3, 10, 30, 100, 300)
-_TIMING = RetimingSettings(short_s=0.5)
+_SHORT_S, _REPEATS = 0.5, 3
+"""Processor seconds below which a retrieval is timed several times, and how often; chosen."""
 
 
 @dataclass(frozen=True)
@@ -131,31 +122,35 @@ def measure_retrieval(
     budget: processor seconds that one setting may take.
     deadline: when measuring ends; what is left then is named as cut.
     """
-    deadline = deadline or Deadline()
     # This call computes stop, target and FFT plans, so that no method's time includes them.
     _retrieve_once(goal, frames, "published", 1)
-    settings = list(_settings(goal, frames, budget, speed))
-    rows = []
-    for number, (method, iterations) in enumerate(settings):
-        progress.report(number / len(settings), f"{method}, {iterations} iterations")
-        row = _empty_row(goal, name, frames, method, iterations)
-        cut = deadline.is_over
-        rows.append(replace(row, failure=CUT) if cut else _measure_method(goal, row))
-    return mark_front(rows)
+    return measure_rows(
+        [(row, goal) for row in _empty_rows(goal, name, frames, budget, speed)],
+        _measure,
+        lambda row: f"{row.method}, {row.iterations} iterations",
+        progress,
+        deadline,
+    )
 
 
-def _settings(
-    goal: RetrievalGoal, frames: int, budget: float, speed: MachineSpeed
-) -> Iterator[tuple[str, int]]:
-    """Yield methods and numbers of iterations within the time budget, each method at least once."""
+def _empty_rows(
+    goal: RetrievalGoal, name: str, frames: int, budget: float, speed: MachineSpeed
+) -> Iterator[RetrievalRow]:
+    """Yield the rows to measure within the time budget, the default one marked.
+
+    Each method has one at least.
+    """
     slow = goal.camera.panel.response_time > 0
-    for name, method in METHODS.items():
-        if not method.serves(frames) or (name == "responding" and not slow):
+    default = "responding" if slow and frames > 1 else quick_method(frames)
+    for method, engine in METHODS.items():
+        if not engine.serves(frames) or (method == "responding" and not slow):
             continue
         for iterations in _ITERATIONS:
-            predicted = method.seconds(goal, frames, iterations, speed)
+            predicted = engine.seconds(goal, frames, iterations, speed)
             if iterations == _ITERATIONS[0] or predicted <= budget:
-                yield name, iterations
+                row = RetrievalRow("retrieval", name, method, "float32", None)
+                marks = CALLS[-1:] if (method, iterations) == (default, 100) else ()
+                yield replace(row, frames=frames, iterations=iterations, chosen_for=marks)
 
 
 def _retrieve_once(
@@ -173,36 +168,18 @@ def _retrieve_once(
     )
 
 
-def _empty_row(
-    goal: RetrievalGoal, name: str, frames: int, method: str, iterations: int
-) -> RetrievalRow:
-    """Return the row of a retrieval that isn't measured yet, the default one marked."""
-    slow = frames > 1 and goal.camera.panel.response_time > 0
-    usual = method == ("responding" if slow else quick_method(frames)) and iterations == 100
-    row = RetrievalRow("retrieval", name, method, "float32", None)
-    marks = CALLS[-1:] if usual else ()
-    return replace(row, frames=frames, iterations=iterations, chosen_for=marks)
-
-
-def _measure_method(goal: RetrievalGoal, row: RetrievalRow) -> RetrievalRow:
-    frames, method, iterations = row.frames, row.method, row.iterations
+def _measure(row: RetrievalRow, goal: RetrievalGoal, _: Progress) -> RetrievalRow:
+    retrieve_again = partial(_retrieve_once, goal, row.frames, row.method, row.iterations)
     started = time.perf_counter()
-    try:
-        found = _retrieve_once(goal, frames, method, iterations)
-    except ValueError as error:
-        return replace(row, failure=str(error))
+    found = retrieve_again()
     wall, times = time.perf_counter() - started, [found.cpu_seconds]
-    if found.cpu_seconds < _TIMING.short_s:
-        times += [
-            _retrieve_once(goal, frames, method, iterations).cpu_seconds
-            for _ in range(_TIMING.repeats - 1)
-        ]
-    quality = found.quality
+    if found.cpu_seconds < _SHORT_S:
+        times += [retrieve_again().cpu_seconds for _ in range(_REPEATS - 1)]
     return replace(
         row,
-        error_achieved=quality.nrmse,
-        efficiency=quality.efficiency,
-        contrast=quality.contrast,
+        error_achieved=found.quality.nrmse,
+        efficiency=found.quality.efficiency,
+        contrast=found.quality.contrast,
         cpu_s=statistics.median(times),
         wall_s=wall,
         peak_bytes=found.phases.numel() * found.phases.element_size(),

@@ -10,11 +10,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import scipy.fft
 
-from labapp.accuracy.calibration_kernel import CalibrationKernel
 from optics.accuracy import Account
 from optics.progress import Progress
 from optics.propagation.free_space_operator import FreeSpace
@@ -27,36 +27,19 @@ minutes. Chosen."""
 Operator = TypeVar("Operator", PSFOperator, FreeSpace)
 
 
-@dataclass(frozen=True)
-class CallTimingSettings:
-    """Tune how the time of a call is measured.
+_REPEATS = 5
+"""Measurements of each call, of which the median counts; chosen."""
 
-    repeats: measurements of each call, of which the median counts. Chosen.
-    least_s: least processor time of a measurement in seconds; short calls are repeated until they
-    add up to it. Chosen so that the steps of the clock don't matter.
-    first_answers_s: processor time in seconds up to which first answers are repeated, as often as
-    calls at most: single ones of some milliseconds scatter by a factor of two. Chosen.
-    """
+_LEAST_S = 0.02
+"""Processor seconds of a measurement, to which short calls add up; chosen so that the steps of the
+clock don't matter."""
 
-    repeats: int = 5
-    least_s: float = 0.02
-    first_answers_s: float = 0.15
+_FIRST_ANSWERS_S = 0.15
+"""Processor seconds up to which first answers are repeated, as often as calls at most: single ones
+of some milliseconds scatter by a factor of two. Chosen."""
 
-
-@dataclass(frozen=True)
-class RetimingSettings:
-    """Tune how often a slow method is timed.
-
-    short_s: processor time in seconds below which a method is timed `repeats` times; a slower one
-    is timed once. Chosen.
-    repeats: measurements of a short method, of which the median counts. Chosen.
-    """
-
-    short_s: float
-    repeats: int = 3
-
-
-_TIMING = CallTimingSettings()
+_LOOSE = 5e-3
+"""Tolerances above it are used to warm up; chosen, because strict ones may take long."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +116,14 @@ def raise_refusal(error: Exception) -> PlannedCall:
     raise error
 
 
+class Comparison(NamedTuple):
+    """What `measure` takes of a case: its candidates, the exact answer, and a similar case's."""
+
+    candidates: list[Candidate]
+    truth: np.ndarray
+    warm_up: Iterable[Candidate]
+
+
 AUTOMATIC = "automatic choice"
 """Method of a row that the automatic choice has and no named method."""
 
@@ -173,6 +164,11 @@ def _plan_call(
     operator = plan(tol=tol, method=method, calls=calls)
     account = operator.account
     return PlannedCall(build_call(operator), account.bytes, lambda: operator.account)
+
+
+def similar_wavelength(wavelength: float) -> float:
+    """Return a nearby wavelength: methods do the same for it, but nothing kept serves both."""
+    return wavelength * (1 + 1e-4)
 
 
 @dataclass
@@ -225,7 +221,7 @@ def measure(
     truth: np.ndarray,
     progress: Progress,
     *,
-    warm_up: Sequence[Candidate] = (),
+    warm_up: Iterable[Candidate] = (),
     deadline: Deadline | None = None,
 ) -> MeasurementSet:
     """Measure error and time of each candidate.
@@ -235,12 +231,14 @@ def measure(
     candidates: automatic choices among them mark the row of the method that they chose, or are
     measured themselves if no named method has the same row.
     truth: the exact answer.
-    warm_up: similar cases, which are computed beforehand: what a library does at its first use in a
-    process is in no row's time.
+    warm_up: of a similar case, for which nothing is cached. Those of loose tolerances are computed
+    beforehand: what a library does at its first use in a process is in no row's time.
     deadline: when measuring ends; rows that are left then are named as cut.
     """
     deadline = deadline or Deadline()
     for candidate in warm_up:
+        if candidate.row.tol is None or candidate.row.tol <= _LOOSE:
+            continue
         with suppress(ValueError, MemoryError):
             candidate.plan().call()
     rows, calls = _answer_once(candidates, truth, progress.part(0.0, 0.5), deadline.share(0.6))
@@ -292,11 +290,7 @@ def _first_answer_seconds(candidate: Candidate, first: float, deadline: Deadline
     first: seconds of the one that was computed already. Each is planned anew.
     """
     found = [first]
-    while (
-        len(found) < _TIMING.repeats
-        and sum(found) < _TIMING.first_answers_s
-        and not deadline.is_over
-    ):
+    while len(found) < _REPEATS and sum(found) < _FIRST_ANSWERS_S and not deadline.is_over:
         began = time.process_time()
         candidate.plan().call()
         found.append(time.process_time() - began)
@@ -336,13 +330,13 @@ def time_calls(
     The second value is the median processor time of the calibration kernel in seconds. Each call
     is timed at least once, and no more after the deadline.
     """
-    jobs: dict[int, Callable[[], Any]] = {-1: CalibrationKernel(), **calls}
+    jobs: dict[int, Callable[[], Any]] = {-1: _calibration_kernel(), **calls}
     times: dict[int, list[tuple[float, float]]] = {index: [] for index in jobs}
-    repeats, deadline = _TIMING.repeats, deadline or Deadline()
-    for repeat in range(repeats):
+    deadline = deadline or Deadline()
+    for repeat in range(_REPEATS):
         for number, (index, call) in enumerate(jobs.items()):
-            done = (repeat + number / len(jobs)) / repeats
-            progress.report(done, f"timing, {repeat + 1} of {repeats}")
+            done = (repeat + number / len(jobs)) / _REPEATS
+            progress.report(done, f"timing, {repeat + 1} of {_REPEATS}")
             if not (repeat and deadline.is_over):
                 times[index].append(_time_call(call))
     medians: dict[int, tuple[float, float]] = {}
@@ -352,18 +346,29 @@ def time_calls(
     return medians, medians.pop(-1)[0]
 
 
+def _calibration_kernel() -> Callable[[], Any]:
+    """Return fixed work of about 10 ms: what the methods consist of, to tell the machine's speed.
+
+    Times of different days or machines are compared as multiples of its time.
+    """
+    rng, side = np.random.default_rng(0), 512
+    real, imaginary = rng.normal(size=(side, side)), rng.normal(size=(side, side))
+    matrix = (real + 1j * imaginary).astype(np.complex64)
+    values, places = rng.normal(size=side**2), rng.integers(0, side**2, side**2)
+    return lambda: (matrix @ matrix, scipy.fft.fft2(matrix), values[places].sum())
+
+
 def _time_call(call: Callable[[], Any]) -> tuple[float, float]:
     """Return average processor and wall-clock seconds of a call.
 
     The call is repeated until it has used enough processor time.
     """
-    least_s = _TIMING.least_s
     count, cpu, wall = 0, time.process_time(), time.perf_counter()
     while True:
         call()
         count += 1
         spent = time.process_time() - cpu
-        if spent >= least_s:
+        if spent >= _LEAST_S:
             return spent / count, (time.perf_counter() - wall) / count
 
 

@@ -32,11 +32,9 @@ from labapp.accuracy.reading import (
 from labapp.accuracy.work_precision import (
     AUTOMATIC,
     CUT,
-    CallTimingSettings,
     Candidate,
     Deadline,
     PlannedCall,
-    RetimingSettings,
     Row,
     mark_front,
     measure,
@@ -54,13 +52,13 @@ SMALL = OverviewSettings(
 
 @pytest.fixture
 def quick(monkeypatch, few_field_samples):
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-4))
-    once = RetimingSettings(short_s=0.0)
-    monkeypatch.setattr("labapp.accuracy.deconvolve._TIMING", once)
-    monkeypatch.setattr("labapp.accuracy.retrieval._TIMING", once)
-    monkeypatch.setattr("labapp.accuracy.hdr._TIMING", once)
-    monkeypatch.setattr("labapp.accuracy.multispectral._TIMING", once)
-    monkeypatch.setattr("labapp.accuracy.edof_psf._TIMING", once)
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._LEAST_S", 1e-4)
+    monkeypatch.setattr("labapp.accuracy.deconvolve._SHORT_S", 0.0)
+    monkeypatch.setattr("labapp.accuracy.retrieval._SHORT_S", 0.0)
+    monkeypatch.setattr("labapp.accuracy.hdr._SHORT_S", 0.0)
+    monkeypatch.setattr("labapp.accuracy.multispectral._SHORT_S", 0.0)
+    monkeypatch.setattr("labapp.accuracy.edof_psf._SHORT_S", 0.0)
     monkeypatch.setattr("labapp.accuracy.edof_design.RATED_DEPTHS", 4)
     monkeypatch.setattr("optics.edof.pattern_search.RATED_DEPTHS", 4)
     monkeypatch.setattr("labapp.accuracy.multispectral._COUNTS", (2, 4))
