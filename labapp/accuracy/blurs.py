@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 from scipy.signal import fftconvolve
 
-from labapp.accuracy.blur_names import BLUR_NAMES, require_blur
+from labapp.accuracy.option_validation import BLUR_NAMES, require_blur
 from labapp.common.errors import UserError
 from labapp.files.picture.encoding import LINEAR
 from labapp.files.picture.photograph import read_photograph

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from labapp.accuracy.command import show_measurements
 from labapp.accuracy.option_validation import require_pattern
-from labapp.accuracy.references.chain_problem import ChainProblem
-from labapp.accuracy.references.psf_problem import PSFReference
+from labapp.accuracy.references.psf_problem import ChainProblem, PSFReference
 from labapp.accuracy.work_precision import (
     LONGEST_CALL,
     Candidate,

@@ -15,7 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from labapp.accuracy.reading import (
-    SETTINGS,
+    WANTED,
     TimeKind,
     cheapest_row,
     cheapest_sentence,
@@ -32,32 +32,27 @@ from labapp.accuracy.reading import (
 from labapp.accuracy.row_output import describe_machine
 from labapp.accuracy.work_precision import Row
 
+# All values of a diagram are chosen.
+_WIDTH = 12.0
+"""Inches of a diagram."""
 
-@dataclass(frozen=True)
-class DiagramSettings:
-    """Set how diagrams are drawn. All values are chosen.
+_MAIN_HEIGHT, _SMALL_HEIGHT = 4.6, 2.0
+"""Inches of the row of diagrams of all methods, and of a row of small ones."""
 
-    width: of a diagram, inches.
-    main_height, small_height: of the row of diagrams of all methods, and of a row of small ones,
-    inches.
-    columns: small diagrams in a row.
-    floor: errors below it are drawn at it: they are rounding.
-    near: decades within which neighbouring points of a method share one label.
-    apart: least height between two labels, over the height of a small diagram.
-    title_letters: letters of titles that fit beside each other.
-    """
+_COLUMNS = 4
+"""Small diagrams in a row."""
 
-    width: float = 12.0
-    main_height: float = 4.6
-    small_height: float = 2.0
-    columns: int = 4
-    floor: float = 1e-16
-    near: float = 0.2
-    apart: float = 0.12
-    title_letters: int = 112
+_FLOOR = 1e-16
+"""Errors below it are drawn at it: they are rounding."""
 
+_NEAR = 0.2
+"""Decades within which neighbouring points of a method share one label."""
 
-_SETTINGS = DiagramSettings()
+_APART = 0.12
+"""Least height between two labels, over the height of a small diagram."""
+
+_TITLE_LETTERS = 112
+"""Letters of titles that fit beside each other."""
 
 _COLOURS = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c564b", "#7a5fb5",
@@ -110,16 +105,15 @@ def draw_panels(
     """
     kinds = time_kinds(rows)
     names = [name for name, _ in curves(rows, kinds[-1])]
-    columns = _SETTINGS.columns
-    lines = math.ceil(len(names) / columns) if len(names) > 1 else 0
-    heights = [_SETTINGS.main_height, *[_SETTINGS.small_height] * lines]
+    lines = math.ceil(len(names) / _COLUMNS) if len(names) > 1 else 0
+    heights = [_MAIN_HEIGHT, *[_SMALL_HEIGHT] * lines]
     total = sum(heights) + heading + footing
     room = (0, footing / total, 1, 1 - (footing + heading) / total)
     layout = ConstrainedLayoutEngine(rect=room)
-    figure = Figure(figsize=(_SETTINGS.width, total), dpi=100, layout=layout)
-    grid = figure.add_gridspec(len(heights), 2 * columns, height_ratios=heights)
+    figure = Figure(figsize=(_WIDTH, total), dpi=100, layout=layout)
+    grid = figure.add_gridspec(len(heights), 2 * _COLUMNS, height_ratios=heights)
     shown: tuple[list[Any], list[str]] = [], []
-    look, width = _Look.of(names), 2 * columns // len(kinds)
+    look, width = _Look.of(names), 2 * _COLUMNS // len(kinds)
     for number, kind in enumerate(kinds):
         axes = figure.add_subplot(grid[0, number * width : (number + 1) * width])
         _draw_all(axes, rows, kind, look, error_name)
@@ -130,7 +124,7 @@ def draw_panels(
     if own:
         figure.legend(*zip(*own, strict=True), loc="outside upper left", ncols=6, fontsize=8.5)
     for number, name in enumerate(names if lines else []):
-        row, column = divmod(number, columns)
+        row, column = divmod(number, _COLUMNS)
         axes = figure.add_subplot(grid[1 + row, 2 * column : 2 * column + 2])
         _draw_one(axes, rows, kinds[-1], look, name)
     return figure
@@ -155,7 +149,7 @@ def _draw_all(
     _draw_star(axes, rows, kind)
     axes.set_xlabel(f"{kind.name}, processor time")
     axes.set_ylabel(f"measured {error_name}")
-    width = round(_SETTINGS.title_letters / len(time_kinds(rows)))
+    width = round(_TITLE_LETTERS / len(time_kinds(rows)))
     title = "\n".join(textwrap.wrap(cheapest_sentence(rows, kind), width))
     axes.set_title(f"★ {title}", fontsize=10, fontweight="bold", color=_STAR, loc="left")
 
@@ -163,7 +157,7 @@ def _draw_all(
 def _points(rows: Sequence[Row], kind: TimeKind) -> tuple[list[float], list[float]]:
     """Return the seconds and errors at which rows are drawn."""
     seconds = [kind.seconds(row) or 0.0 for row in rows]
-    return seconds, [max(row.error_achieved or 0.0, _SETTINGS.floor) for row in rows]
+    return seconds, [max(row.error_achieved or 0.0, _FLOOR) for row in rows]
 
 
 def _draw_front(axes: Axes, rows: Sequence[Row], kind: TimeKind) -> None:
@@ -207,7 +201,7 @@ def _draw_star(axes: Axes, rows: Sequence[Row], kind: TimeKind) -> None:
     if row is None:
         return
     seconds, errors = _points([row], kind)
-    wanted = SETTINGS.wanted if cheapest_row(rows, kind) else None
+    wanted = WANTED if cheapest_row(rows, kind) else None
     if wanted:
         axes.axhline(wanted, color=_STAR, lw=1, ls="--", zorder=0)
     label = f"cheapest for {format_error(wanted)}" if wanted else "cheapest near the best"
@@ -282,7 +276,7 @@ def _label_settings(
         place = seconds[group[0]], errors[group[0]]
         x, y = axes.transAxes.inverted().transform(axes.transData.transform(place))
         if last_place is not None and (
-            abs(y - last_place[1]) < _SETTINGS.apart and abs(x - last_place[0]) < 0.4
+            abs(y - last_place[1]) < _APART and abs(x - last_place[0]) < 0.4
         ):
             continue
         last_place = x, y
@@ -298,7 +292,7 @@ def _neighbours(seconds: Sequence[float], errors: Sequence[float]) -> list[list[
         if groups:
             first = groups[-1][0]
             apart = (seconds[k] / seconds[first], errors[k] / errors[first])
-            if all(abs(math.log10(ratio)) < _SETTINGS.near for ratio in apart):
+            if all(abs(math.log10(ratio)) < _NEAR for ratio in apart):
                 groups[-1].append(k)
                 continue
         groups.append([k])

@@ -111,8 +111,10 @@ def measure_gradients(
             similar = similar_wavelength(case.wavelength)
             exact.plan(symmetry, method, TOLERANCES[0], similar)(exact.short_phase(symmetry))
     empty = GradientRow("edof-psf", case.camera_name, "", "float32", None)
-    asked = product(TOLERANCES, _METHODS)
-    cases = [(replace(empty, method=_WORDS[way[1] or way[0]], tol=tol), way) for tol, way in asked]
+    cases = [
+        (replace(empty, method=_WORDS[method or symmetry], tol=tol), (tol, symmetry, method))
+        for tol, (symmetry, method) in product(TOLERANCES, _METHODS)
+    ]
     return measure_rows(
         cases,
         partial(_measure, exact),
@@ -143,7 +145,7 @@ class _ExactPSF:
         )
 
     def plan(
-        self, symmetry: str, method: str | None, tol: float | None, wavelength: float | None = None
+        self, symmetry: str, method: str | None, tol: float, wavelength: float | None = None
     ) -> PSFOperator:
         """Plan a method's PSF; without a method, that of the automatic choice."""
         case = self._case
@@ -185,16 +187,16 @@ def _draw_pattern(shape: tuple[int, int], chance: torch.Generator) -> torch.Tens
 
 
 def _measure(
-    exact: _ExactPSF, row: GradientRow, way: tuple[str, str | None], _: Progress
+    exact: _ExactPSF, row: GradientRow, way: tuple[float, str, str | None], _: Progress
 ) -> GradientRow:
     """Measure error and time of one method's PSF and gradient, and mark the automatic choice.
 
     It is that for patterns of all kinds at this tolerance.
     """
-    symmetry, method = way
+    tol, symmetry, method = way
     phase = exact.short_phase(symmetry)
     began, wall = time.process_time(), time.perf_counter()
-    operator = exact.plan(symmetry, method, row.tol)
+    operator = exact.plan(symmetry, method, tol)
     light = operator(phase)
     first = time.process_time() - began
     weights = exact.weights.to(light)
@@ -204,11 +206,11 @@ def _measure(
         return torch.autograd.grad((operator(leaf) * weights).sum(), leaf)[0]
 
     gradient = differentiate().numpy()
-    _, forward_s, _ = time_answers(lambda: operator(phase), _SHORT_S)
-    _, cpu_s, _ = time_answers(differentiate, _SHORT_S)
+    forward_s = time_answers(lambda: operator(phase), _SHORT_S)[1]
+    cpu_s = time_answers(differentiate, _SHORT_S)[1]
     wall, account = time.perf_counter() - wall, operator.account
     try:
-        is_chosen = exact.plan("none", None, row.tol).account.method == account.method
+        is_chosen = exact.plan("none", None, tol).account.method == account.method
     except (ValueError, MemoryError):
         is_chosen = False
     return replace(

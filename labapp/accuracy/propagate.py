@@ -27,7 +27,7 @@ from labapp.accuracy.references.free_space import (
     exact_field,
     product_count,
 )
-from labapp.accuracy.references.samples import draw_samples
+from labapp.accuracy.references.psf_problem import draw_samples
 from labapp.accuracy.work_precision import (
     LONGEST_CALL,
     Candidate,

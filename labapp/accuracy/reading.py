@@ -9,30 +9,19 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from labapp.accuracy.work_precision import AUTOMATIC, CUT, Row
-from labapp.common.time_text import format_short_time
+from labapp.common.stopwatch import format_short_time
 
+WANTED = 1e-3
+"""Error for which the cheapest setting is named; chosen: the default tolerance of a PSF."""
 
-@dataclass(frozen=True)
-class ReadingSettings:
-    """Set what diagrams and pages point out.
+_NEAR_BEST = 1.1
+"""Where no setting reaches it, the cheapest is named whose error is at most so many times the
+least. Chosen."""
 
-    wanted: error for which the cheapest setting is named. Chosen: the default tolerance of a PSF.
-    near_best: where no setting reaches it, the cheapest one is named whose error is at most so many
-    times the least. Chosen.
-    same_time: times whose ratio is at most this are called the same in words. Measured: the first
-    answers of one setting scatter by about a tenth.
-    tie: of settings whose times have at most this ratio to the least one, the automatic choice
-    counts as the cheapest, or else the one of the largest tolerance. Measured: the first answers of
-    one setting scatter by about a tenth.
-    """
-
-    wanted: float = 1e-3
-    near_best: float = 1.1
-    same_time: float = 1.1
-    tie: float = 1.1
-
-
-SETTINGS = ReadingSettings()
+_SAME_TIME = 1.1
+"""Times whose ratio is at most this count as the same: of such settings the automatic choice is the
+cheapest, or else the one of the largest tolerance. Measured: the first answers of one setting
+scatter by about a tenth."""
 
 _GRID = re.compile(r"(\d+²) grid, ")
 """Grid size in the name of a method; it is the setting of a method without a tolerance."""
@@ -94,13 +83,12 @@ def setting_name(row: Row) -> str:
     return f"{found[1]} grid" if found else ""
 
 
-def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float | None = None) -> Row | None:
+def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float = WANTED) -> Row | None:
     """Return the row of least time whose measured error is at most `wanted`, or None.
 
     Of rows that take the same time but for scatter, the automatic choice for this very tolerance
     is preferred, then other automatic choices, then the quickest.
     """
-    wanted = SETTINGS.wanted if wanted is None else wanted
     fitting = [
         (seconds, row)
         for row in rows
@@ -110,7 +98,7 @@ def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float | None = Non
     ]
     if not fitting:
         return None
-    longest = SETTINGS.tie * min(seconds for seconds, _ in fitting)
+    longest = _SAME_TIME * min(seconds for seconds, _ in fitting)
 
     def rank(one: tuple[float, Row]) -> tuple[bool, bool, float, float]:
         seconds, row = one
@@ -130,7 +118,7 @@ def highlighted_row(rows: Sequence[Row], kind: TimeKind) -> Row | None:
     if found is not None:
         return found
     errors = [row.error_achieved for row in rows if row.error_achieved and kind.seconds(row)]
-    return cheapest_row(rows, kind, SETTINGS.near_best * min(errors)) if errors else None
+    return cheapest_row(rows, kind, _NEAR_BEST * min(errors)) if errors else None
 
 
 def cheapest_sentence(rows: Sequence[Row], kind: TimeKind) -> str:
@@ -138,12 +126,12 @@ def cheapest_sentence(rows: Sequence[Row], kind: TimeKind) -> str:
     row = highlighted_row(rows, kind)
     if row is None:
         return "Nothing was measured."
-    wanted = format_error(SETTINGS.wanted)
+    wanted = format_error(WANTED)
     words = describe_setting(row, kind)
     if cheapest_row(rows, kind) is not None:
         return f"Cheapest for {wanted}: {words}"
     best = min(one.error_achieved or math.inf for one in rows)
-    near = f"{100 * SETTINGS.near_best - 100:.0f} %"
+    near = f"{100 * _NEAR_BEST - 100:.0f} %"
     return (
         f"None reaches {wanted} (best {format_error(best)}). Cheapest within {near} of it: {words}"
     )
@@ -160,7 +148,7 @@ def describe_setting(row: Row, kind: TimeKind) -> str:
 def choice_sentence(rows: Sequence[Row]) -> str:
     """Say what the automatic choice takes if the wanted error is asked for; empty without one."""
     for row in chosen_rows(rows, EACH_CALL):
-        if row.tol == SETTINGS.wanted:
+        if row.tol == WANTED:
             first = format_seconds(row.first_answer_s)
             return (
                 f"If you ask for {format_error(row.tol)}, {curve_name(row)} is chosen: {first} for "
@@ -197,7 +185,7 @@ _SAME = "about the same time"
 
 def _ratio_words(ratio: float) -> str:
     """Return a ratio of two times in words, without claiming what scatters."""
-    if 1 / SETTINGS.same_time <= ratio <= SETTINGS.same_time:
+    if 1 / _SAME_TIME <= ratio <= _SAME_TIME:
         return _SAME
     return f"{ratio:.2g} times the time"
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.accuracy.spectral_names import require_psf_name
+from labapp.accuracy.option_validation import require_psf_name
 from labapp.common.errors import UserError
 from labapp.files.cubes import SpectralCube, read_cube
 from labapp.spectral.computed_snapshot import (

@@ -15,10 +15,9 @@ import pytest
 
 from labapp.accuracy.diagram import draw
 from labapp.accuracy.overview.cases import OverviewSettings, Scope, chain_case
-from labapp.accuracy.overview.measured import MeasuredOperation
+from labapp.accuracy.overview.measured import MeasuredOperation, Outcome
 from labapp.accuracy.overview.measuring import measure_all, write_outcome
 from labapp.accuracy.overview.operations import OPERATIONS, Operation
-from labapp.accuracy.overview.outcome import Outcome
 from labapp.accuracy.overview.page import page_html
 from labapp.accuracy.reading import (
     EACH_CALL,
@@ -356,7 +355,7 @@ def test_the_command_writes_both_files(labapp, tmp_path, monkeypatch, quick):
         "labapp.accuracy.overview.measuring.OverviewSettings", lambda: SMALL, raising=True
     )
     monkeypatch.setattr(
-        "labapp.accuracy.overview.command.OPERATIONS", operations("propagate"), raising=True
+        "labapp.accuracy.overview.measuring.OPERATIONS", operations("propagate"), raising=True
     )
     folder = tmp_path / "accuracy"
     code, printed, said = labapp("accuracy", "--out", folder)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.multispectral import measure_multispectral
+from labapp.accuracy.option_validation import PSF_NAMES
 from labapp.accuracy.spectral_case import spectral_case_from_options
-from labapp.accuracy.spectral_names import PSF_NAMES
 from labapp.accuracy.work_precision import CUT, Deadline
 from labapp.files.cubes import SpectralCube, write_cube
 from optics.progress import Progress

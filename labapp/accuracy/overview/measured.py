@@ -1,4 +1,4 @@
-"""What was measured of an operation, in marks, rows and plain data for the page and its JSON."""
+"""What was measured, in marks, rows and plain data for the page and its JSON."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import labapp
 from labapp.accuracy.reading import (
-    SETTINGS,
+    WANTED,
     TimeKind,
     cheapest_row,
     cheapest_sentence,
@@ -71,7 +72,7 @@ class MeasuredOperation:
         words = []
         if starred:
             reached = cheapest_row(self.rows, starred[0]) is not None
-            goal = f"for {format_error(SETTINGS.wanted)}" if reached else "near the best"
+            goal = f"for {format_error(WANTED)}" if reached else "near the best"
             times = " and ".join(_short_name(kind) for kind in starred)
             words.append(f"★ cheapest {goal}, {times}")
         if row.tol is None:
@@ -106,7 +107,7 @@ class MeasuredOperation:
         row = highlighted_row(self.rows, kind)
         return {
             "row": None if row is None else self.rows.index(row),
-            "reaches": SETTINGS.wanted if cheapest_row(self.rows, kind) is not None else None,
+            "reaches": WANTED if cheapest_row(self.rows, kind) is not None else None,
             "words": cheapest_sentence(self.rows, kind),
         }
 
@@ -122,3 +123,42 @@ def _row_data(row: Row) -> dict[str, Any]:
 
 def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """An operation that wasn't measured, and why."""
+
+    name: str
+    title: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """All that was measured.
+
+    machine, scope: the machine, and the camera that was measured, in words.
+    left_out: operations that weren't measured.
+    seconds: wall-clock time of the whole.
+    cancelled: whether a person stopped it.
+    """
+
+    machine: str
+    scope: str
+    operations: Sequence[MeasuredOperation]
+    left_out: Sequence[LeftOut]
+    seconds: float
+    cancelled: bool
+
+    def as_data(self) -> dict[str, Any]:
+        """Return everything as plain data for JSON."""
+        return {
+            "version": labapp.__version__,
+            "machine": self.machine,
+            "scope": self.scope,
+            "seconds": self.seconds,
+            "cancelled": self.cancelled,
+            "left_out": [vars(one) for one in self.left_out],
+            "operations": [one.as_data() for one in self.operations],
+        }

@@ -11,8 +11,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from labapp.accuracy.diagram import draw_panels
-from labapp.accuracy.overview.measured import MeasuredOperation
-from labapp.accuracy.overview.outcome import Outcome
+from labapp.accuracy.overview.measured import MeasuredOperation, Outcome
 from labapp.accuracy.reading import (
     cheapest_sentence,
     choice_sentence,

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -21,10 +20,10 @@ from numpy.polynomial import chebyshev, legendre
 from numpy.typing import NDArray
 from scipy.special import roots_legendre
 
-from labapp.accuracy.references.coverage import open_area_shares
 from labapp.accuracy.references.lens_integral import (
     NODE_MARGIN,
     StopLine,
+    open_area_shares,
     pupil_phase,
     steepest_phase_slope,
     stop_lines,
@@ -40,31 +39,26 @@ Array = NDArray[np.float64]
 Field = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
-class ChainQuadratureSettings:
-    """Tune the quadrature over the stop of a chain.
+_CELL_PHASE = 16.0
+"""Most radians by which the phase of the integrand changes over half a cell; chosen."""
 
-    cell_phase: most radians by which the phase of the integrand changes over half a cell. Chosen.
-    nodes_per_cell: a polynomial of 34 terms approximates exp(i w t) to (e w / 68)^34.
-    reach_margin: share of the extent of the stop by which the cells reach beyond it. Chosen.
-    lines_at_once: lines across the stop that are summed at a time. Chosen.
-    places_at_once: positions at the lens for which the light of all pixels is computed at a time.
-    Chosen.
-    max_sums: most complex numbers of cumulative sums over cells that are kept in memory. Chosen.
-    phase_degree: degree of the polynomials that approximate the phase of aberrations, and of a
-    stigmatic lens, along a line. Chosen.
-    """
+NODES_PER_CELL = 34
+"""A polynomial of 34 terms approximates exp(i w t) to (e w / 68)^34."""
 
-    cell_phase: float = 16.0
-    nodes_per_cell: int = 34
-    reach_margin: float = 1e-9
-    lines_at_once: int = 32
-    places_at_once: int = 2048
-    max_sums: float = 2e7
-    phase_degree: int = 40
+_REACH_MARGIN = 1e-9
+"""Share of the stop's extent by which the cells reach beyond it, so that the end of a line lies in
+a cell even where rounding moves it outwards; chosen."""
 
+_LINES_AT_ONCE, _PLACES_AT_ONCE = 32, 2048
+"""Lines across the stop that are summed at a time, and positions at the lens for which the light of
+all pixels is computed at a time; chosen."""
 
-SETTINGS = ChainQuadratureSettings()
+_MAX_SUMS = 2e7
+"""Most complex numbers of cumulative sums over cells that are kept in memory; chosen."""
+
+_PHASE_DEGREE = 40
+"""Degree of the polynomials that approximate the phase of aberrations, and of a stigmatic lens,
+along a line; chosen."""
 
 
 def chain_density(
@@ -107,7 +101,7 @@ def chain_field(
     line_sum = _LineSum(chain, modulations, x, across)
     found = np.zeros((len(modulations), y.size, x.size), dtype=np.complex128)
     lines = stop_lines(chain.lens.stop, math.hypot(down, across))
-    while batch := list(islice(lines, SETTINGS.lines_at_once)):
+    while batch := list(islice(lines, _LINES_AT_ONCE)):
         heights = np.array([line.height for line in batch]) * chain.radius
         weights = np.array([line.weight for line in batch])
         found += (_sensor_kernel(chain, y, heights) * weights) @ line_sum(batch)
@@ -117,8 +111,8 @@ def chain_field(
 def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
     """Estimate how many lines across the stop, and nodes on each line, are summed."""
     down, across = (NODE_MARGIN * slope for slope in _slopes(chain, y, x))
-    cells = math.ceil(across * chain.stop_extent / chain.radius / SETTINGS.cell_phase)
-    return math.hypot(down, across) * np.pi / 4 + 40, cells * SETTINGS.nodes_per_cell
+    cells = math.ceil(across * chain.stop_extent / chain.radius / _CELL_PHASE)
+    return math.hypot(down, across) * np.pi / 4 + 40, cells * NODES_PER_CELL
 
 
 def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
@@ -171,13 +165,10 @@ class _LineSum:
         self._chain, self._x = chain, x
         self._panel = SphericalWavePixels(chain) if chain.sphere else ParabolicWavePixels(chain)
         self._factors = LowRankModulations([self._panel.source_field(one) for one in modulations])
-        # The cells reach a little beyond the stop, so that the end of a line lies in a cell even
-        # where rounding moves it outwards.
-        reach = chain.stop_extent / chain.radius * (1 + SETTINGS.reach_margin)
-        cell_count = max(1, math.ceil(slope * reach / SETTINGS.cell_phase))
+        reach = chain.stop_extent / chain.radius * (1 + _REACH_MARGIN)
+        cell_count = max(1, math.ceil(slope * reach / _CELL_PHASE))
         self._edges = np.linspace(-reach, reach, cell_count + 1)
-        self._node_count = SETTINGS.nodes_per_cell
-        self._t, self._w = roots_legendre(self._node_count)
+        self._t, self._w = roots_legendre(NODES_PER_CELL)
         self._half = (self._edges[1] - self._edges[0]) / 2
         middles = self._edges[:-1, None] + self._half
         self._nodes = (middles + self._half * self._t).ravel()
@@ -187,8 +178,8 @@ class _LineSum:
         self._sums = self._cumulative_sums() if chain.lens.has_quadratic_phase else None
         # This matrix turns values at the nodes of a cell into the Legendre coefficients of the
         # polynomial through them.
-        degrees = np.arange(self._node_count)[:, None] + 0.5
-        self._fit = degrees * legendre.legvander(self._t, self._node_count - 1).T * self._w
+        degrees = np.arange(NODES_PER_CELL)[:, None] + 0.5
+        self._fit = degrees * legendre.legvander(self._t, NODES_PER_CELL - 1).T * self._w
 
     def _field_from_panel(self) -> Field:
         """Return the panel's light at the nodes, (nodes, ranks).
@@ -197,7 +188,7 @@ class _LineSum:
         because there are many columns and many nodes.
         """
         places = self._nodes * self._chain.radius
-        pieces = np.array_split(places, math.ceil(places.size / SETTINGS.places_at_once))
+        pieces = np.array_split(places, math.ceil(places.size / _PLACES_AT_ONCE))
         found = [
             self._factors.apply_right_factors(self._panel.propagation_matrix(1, piece))
             for piece in pieces
@@ -211,10 +202,10 @@ class _LineSum:
         take too much memory.
         """
         cells, ranks, places = self._edges.size - 1, self._panel_field.shape[1], self._x.size
-        if cells * ranks * places > SETTINGS.max_sums:
+        if cells * ranks * places > _MAX_SUMS:
             return None
-        seen = self._panel_field.reshape(cells, self._node_count, ranks).swapaxes(1, 2)
-        each = seen @ self._sensor_kernels.reshape(cells, self._node_count, places)
+        seen = self._panel_field.reshape(cells, NODES_PER_CELL, ranks).swapaxes(1, 2)
+        each = seen @ self._sensor_kernels.reshape(cells, NODES_PER_CELL, places)
         return np.concatenate([np.zeros_like(each[:1]), np.cumsum(each, axis=0)])
 
     def __call__(self, lines: list[StopLine]) -> Field:
@@ -227,7 +218,7 @@ class _LineSum:
         else:
             found = self._cell_by_cell(lines, rows, self._sums)
         number, cell, ends = self._partial_cell_weights(lines, bent)
-        cells = self._panel_field.reshape(-1, self._node_count, self._panel_field.shape[1])
+        cells = self._panel_field.reshape(-1, NODES_PER_CELL, self._panel_field.shape[1])
         for one, part in zip(found, self._factors.parts, strict=True):
             for n, c, end in zip(number, cell, ends, strict=True):
                 one[n] += end @ (cells[c, :, part] @ rows[n, part])
@@ -265,7 +256,7 @@ class _LineSum:
         found = np.zeros(self._nodes.size, dtype=bool)
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
-            found[first * self._node_count : max(first, last) * self._node_count] = True
+            found[first * NODES_PER_CELL : max(first, last) * NODES_PER_CELL] = True
         return found
 
     def _partial_cells(self, line: StopLine) -> Iterator[tuple[int, float, float]]:
@@ -300,7 +291,7 @@ class _LineSum:
         half = (high - low)[:, None] / 2
         nodes = low[:, None] + half * (1 + self._t)
         inside = (nodes - self._edges[cell][:, None]) / self._half - 1
-        between = legendre.legvander(inside, self._node_count - 1) @ self._fit
+        between = legendre.legvander(inside, NODES_PER_CELL - 1) @ self._fit
         onward = _sensor_kernel(self._chain, self._x, nodes.ravel() * self._chain.radius)
         onward = onward.reshape(-1, *nodes.shape).swapaxes(0, 1)
         passed = (
@@ -321,14 +312,14 @@ class _LineSum:
         if lens.has_quadratic_phase:
             return None
         whole = chain.distance + chain.camera.separation
-        some = self._edges[-1] * chebyshev.chebpts1(SETTINGS.phase_degree + 1)
+        some = self._edges[-1] * chebyshev.chebpts1(_PHASE_DEGREE + 1)
         phases = [pupil_phase(lens, whole, chain.wavelength, float(h), some) for h in heights]
         r2 = (heights[:, None] ** 2 + some**2) * chain.radius**2
         thin = np.pi / chain.wavelength * (1 / whole - 1 / lens.focus_distance) * r2
         return np.linalg.solve(self._vander(some), (np.stack(phases) - thin).T)
 
     def _vander(self, nodes: Array) -> Array:
-        return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], SETTINGS.phase_degree))
+        return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], _PHASE_DEGREE))
 
     def _lens_factor(self, coefficients: Array | None, nodes: Array) -> Field | Array:
         """Return the lens's factor without its quadratic phase, (lines, nodes).

@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.accuracy.references.coverage import open_area_shares
-from labapp.accuracy.references.lens_integral import sample_positions
+from labapp.accuracy.references.lens_integral import open_area_shares, sample_positions
 from optics.camera import Camera
 from optics.plane import Plane
 
