@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
-
 from labapp.accuracy.diagram import draw
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.psf import compare_methods
@@ -41,7 +39,6 @@ def accuracy_psf(
     """Measure error and time of every method for a lens's PSF, and print the rows.
 
     peers: whether other libraries are measured as well, through their installed adapters.
-    plot: file of the diagram; None for no diagram.
     compare: file of an earlier output of `--json`, or "bundled". The process ends with exit code 1
     if a point has become worse than the stored one.
     """
@@ -56,10 +53,17 @@ def accuracy_psf(
         measured = measure(found, truth, rest, warm_up=similar)
         worse = _find_regressions(measured, stored, progress.part(0.9, 1.0)) if stored else []
     show_measurements("PSF", case.name, measured, as_json, plot)
-    if stored is not None:
-        _report_regressions(
-            worse, require_comparable_rows(measured.rows, stored), stored, err if as_json else out
-        )
+    if stored is None:
+        return
+    where, count = err if as_json else out, require_comparable_rows(measured.rows, stored)
+    for line in worse:
+        where.print(f"worse than {stored.source}: {line}")
+    if worse:
+        raise SystemExit(1)
+    where.print(
+        f"{count} points compared with {stored.source}: none became {100 * SLOWER - 100:.0f} % "
+        f"slower, relative to the calibration kernel, or {LESS_ACCURATE:g} times less accurate."
+    )
 
 
 def _find_regressions(
@@ -79,19 +83,6 @@ def _find_regressions(
             now = cpu / calibration_s_now * calibration_s
             rows[number] = replace(rows[number], cpu_s=min(now, rows[number].cpu_s or now))
     return regression_messages(rows, calibration_s, stored)
-
-
-def _report_regressions(worse: list[str], count: int, stored: StoredRows, where: Console) -> None:
-    """Print what became worse, and exit with code 1 if anything did."""
-    for line in worse:
-        where.print(f"worse than {stored.source}: {line}")
-    if worse:
-        raise SystemExit(1)
-    percent = 100 * SLOWER - 100
-    where.print(
-        f"{count} points compared with {stored.source}: none became {percent:.0f} % slower, "
-        f"relative to the calibration kernel, or {LESS_ACCURATE:g} times less accurate."
-    )
 
 
 _COLUMNS: Columns[Row] = {
@@ -124,7 +115,6 @@ def show_measurements(
     """Print rows as a table or as JSON, and draw their work-precision diagram.
 
     what, name: what was measured, and for which case.
-    plot: file of the diagram; None for no diagram.
     """
     rows, kernel = measurements.rows, measurements.calibration_s
     print_rows(f"{what}: {name}", _COLUMNS, _REMARK, rows, as_json=as_json, calibration_s=kernel)

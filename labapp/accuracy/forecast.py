@@ -27,12 +27,10 @@ def forecast_psf(
 ) -> list[Row]:
     """Predict error and time of a camera's PSF by every method at every tolerance.
 
-    The rows' errors and times are those that accounts predict, with the front and the automatic
-    choice marked. A method that refuses gives a row with the reason.
+    Errors and times are those that accounts predict, with the front and the automatic choice
+    marked. A method that refuses gives a row with the reason.
     camera: its object is in focus.
     wavelength: in metres.
-    pixels: of the sensor, for the PSF.
-    tolerances: relative L2 errors that are asked for.
     """
     distance = panel_to_focus_distance(camera)
     methods = CHAIN_METHODS if camera.separation else PANEL_METHODS

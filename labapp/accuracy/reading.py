@@ -33,15 +33,16 @@ _COMMON_WORDS = ("pupil", "gray edge")
 
 @dataclass(frozen=True)
 class TimeKind:
-    """A time by which rows are compared: its name, its value, and its marks.
-
-    calls: number of calls for which the automatic choice is made.
-    """
+    """A time by which rows are compared, and the number of calls of its automatic choice."""
 
     name: str
     seconds: Callable[[Row], float | None]
     is_on_front: Callable[[Row], bool]
     calls: int
+
+    @property
+    def short_name(self) -> str:
+        return self.name.partition(":")[0]
 
 
 FIRST_ANSWER = TimeKind(
@@ -61,10 +62,10 @@ def time_kinds(rows: Sequence[Row]) -> list[TimeKind]:
 
 
 def curve_name(row: Row) -> str:
-    """Return the name of the curve to which a row belongs.
+    """Return the name of the curve to which a row belongs: its method.
 
-    The name is the row's method. If the row's setting is the size of a grid, the name leaves out
-    this size and common words, and adds the precision.
+    If its setting is the size of a grid, this and common words are left out, and the precision is
+    added.
     """
     if row.tol is not None or hasattr(row, "iterations"):
         return row.engine if row.method == AUTOMATIC else row.method
@@ -109,11 +110,7 @@ def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float = WANTED) ->
 
 
 def highlighted_row(rows: Sequence[Row], kind: TimeKind) -> Row | None:
-    """Return the row that a diagram's star marks.
-
-    It is the cheapest row that reaches the wanted error. If there is none, it is the cheapest one
-    that comes near the least error.
-    """
+    """Return the row of a diagram's star: the cheapest of the wanted error, or near the least."""
     found = cheapest_row(rows, kind)
     if found is not None:
         return found
@@ -164,37 +161,25 @@ def chosen_rows(rows: Sequence[Row], kind: TimeKind) -> list[Row]:
 
 
 def next_decimal_sentences(rows: Sequence[Row], kind: TimeKind) -> list[str]:
-    """Say what each further decimal costs, by the automatic choice.
+    """Say what each further decimal costs, by the automatic choice; nothing without tolerances.
 
-    Decimals that cost next to nothing are joined. Without tolerances there are no decimals to ask
-    for, and the list is empty.
+    Decimals that cost next to nothing are joined.
     """
     chosen = [row for row in chosen_rows(rows, kind) if row.tol is not None and kind.seconds(row)]
-    steps: list[tuple[float, float, str]] = []
+    steps, same = list[tuple[float, float, str]](), "about the same time"
     for before, after in pairwise(chosen):
-        words = _ratio_words((kind.seconds(after) or 0) / (kind.seconds(before) or 1))
-        if steps and words == steps[-1][2] == _SAME:
-            steps[-1] = (steps[-1][0], after.tol or 0, _SAME)
+        ratio = (kind.seconds(after) or 0) / (kind.seconds(before) or 1)
+        is_same = 1 / _SAME_TIME <= ratio <= _SAME_TIME
+        words = same if is_same else f"{ratio:.2g} times the time"
+        if steps and words == steps[-1][2] == same:
+            steps[-1] = (steps[-1][0], after.tol or 0, same)
         else:
             steps.append((before.tol or 0, after.tol or 0, words))
     return [f"from {format_error(a)} to {format_error(b)}: {words}" for a, b, words in steps]
 
 
-_SAME = "about the same time"
-
-
-def _ratio_words(ratio: float) -> str:
-    """Return a ratio of two times in words, without claiming what scatters."""
-    if 1 / _SAME_TIME <= ratio <= _SAME_TIME:
-        return _SAME
-    return f"{ratio:.2g} times the time"
-
-
 def failure_sentences(rows: Sequence[Row]) -> list[str]:
-    """Say in a sentence for each reason which methods refuse, and why.
-
-    Reasons that differ only in numbers are one.
-    """
+    """Say for each reason which methods refuse; reasons that differ only in numbers are one."""
     reasons: dict[str, list[Row]] = {}
     for row in rows:
         if row.failure:
@@ -203,27 +188,22 @@ def failure_sentences(rows: Sequence[Row]) -> list[str]:
 
 
 def _failure_sentence(rows: list[Row]) -> str:
-    names = list(dict.fromkeys(curve_name(row) for row in rows))
-    verb = "is" if len(names) == 1 else "are"
+    *most, last = dict.fromkeys(curve_name(row) for row in rows)
+    names = f"{', '.join(most)} and {last}" if most else last
     if rows[0].failure == CUT:
-        return f"{_join_names(names)} {verb} {CUT}{_settings_of(rows)}."
-    verb = "gives no answer" if len(names) == 1 else "give no answer"
+        return f"{names} {'are' if most else 'is'} {CUT}{_settings_of(rows)}."
+    verb = "give no answer" if most else "gives no answer"
     # The tolerance that could be kept is named by the first refusal, the largest tolerance.
-    return f"{_join_names(names)} {verb}{_settings_of(rows)}: {rows[0].failure}."
+    return f"{names} {verb}{_settings_of(rows)}: {rows[0].failure}."
 
 
 def _settings_of(rows: list[Row]) -> str:
     """Name the tolerances of rows that fail for one reason; "" if they have none."""
-    tolerances = sorted({row.tol for row in rows if row.tol is not None}, reverse=True)
+    tolerances = [row.tol for row in rows if row.tol is not None]
     if not tolerances:
         return ""
-    first, last = format_error(tolerances[0]), format_error(tolerances[-1])
+    first, last = format_error(max(tolerances)), format_error(min(tolerances))
     return f" (tol {first})" if first == last else f" (tol {first} to {last})"
-
-
-def _join_names(names: Sequence[str]) -> str:
-    *most, last = names
-    return f"{', '.join(most)} and {last}" if most else last
 
 
 def curves(rows: Sequence[Row], kind: TimeKind) -> Iterator[tuple[str, list[Row]]]:

@@ -84,12 +84,9 @@ class Row:
 
 @dataclass(frozen=True)
 class PlannedCall:
-    """A method that is ready to be measured.
+    """A method that is ready to be measured: its call, and the bytes of its largest arrays.
 
-    call: gives the answer.
-    bytes: size of its largest arrays.
-    account: tells afterwards what the method says of its error and its time; None for a method that
-    says nothing.
+    account: tells afterwards what the method says of its error and time, if it says anything.
     """
 
     call: Callable[[], Any]
@@ -102,8 +99,8 @@ class Candidate:
     """A row to be measured.
 
     plan: makes the call ready, and raises ValueError if it can't.
-    calls: 0 for a named method. For the automatic choice it is the number of calls that the choice
-    is made for: it is measured only if no row of a named method is the same.
+    calls: that the automatic choice is made for, which is measured only if no row of a named method
+    is the same; 0 for a named method.
     """
 
     row: Row
@@ -141,29 +138,22 @@ def candidates_by_tolerance(
     """Yield every method at every tolerance, and then the automatic choices.
 
     case: row that names operation and case.
-    tolerances: relative L2 errors to request.
     plan: returns an operator for the arguments `tol`, `method` and `calls`, or raises ValueError.
     Without a method, the choice is automatic.
     build_call: returns, for an operator, the call that is timed.
     """
+
+    def plan_call(tol: float, method: str | None, calls: int) -> PlannedCall:
+        operator = plan(tol=tol, method=method, calls=calls)
+        size = operator.account.bytes
+        return PlannedCall(build_call(operator), size, lambda: operator.account)
+
     for method, tol in product(methods, tolerances):
         row = replace(case, method=method, tol=tol)
-        yield Candidate(row, partial(_plan_call, plan, build_call, tol, method, CALLS[-1]))
+        yield Candidate(row, partial(plan_call, tol, method, CALLS[-1]))
     for calls, tol in product(CALLS, tolerances):
         row = replace(case, method=AUTOMATIC, tol=tol)
-        yield Candidate(row, partial(_plan_call, plan, build_call, tol, None, calls), calls)
-
-
-def _plan_call(
-    plan: Callable[..., Operator],
-    build_call: Callable[[Operator], Callable[[], Any]],
-    tol: float,
-    method: str | None,
-    calls: int,
-) -> PlannedCall:
-    operator = plan(tol=tol, method=method, calls=calls)
-    account = operator.account
-    return PlannedCall(build_call(operator), account.bytes, lambda: operator.account)
+        yield Candidate(row, partial(plan_call, tol, None, calls), calls)
 
 
 def similar_wavelength(wavelength: float) -> float:
@@ -173,10 +163,9 @@ def similar_wavelength(wavelength: float) -> float:
 
 @dataclass
 class MeasurementSet:
-    """Measured rows with the front marked.
+    """Measured rows with the front marked, and their timed calls by the index of the row.
 
-    calls: the timed calls by the index of their row.
-    calibration_s: processor time of the calibration kernel in seconds.
+    calibration_s: processor seconds of the calibration kernel.
     """
 
     rows: list[Row]
@@ -186,10 +175,7 @@ class MeasurementSet:
 
 @dataclass
 class Deadline:
-    """The time by which measuring ends: whatever is left is cut.
-
-    until: a value of `time.monotonic()`; there is no limit by default.
-    """
+    """The time by which measuring ends, by `time.monotonic()`: whatever is left is cut."""
 
     until: float = math.inf
 
@@ -213,8 +199,6 @@ class Deadline:
 CUT = "not measured: the time for this operation was used up"
 """Failure of a row that was cut."""
 
-Calls = dict[int, Callable[[], Any]]
-
 
 def measure(
     candidates: Sequence[Candidate],
@@ -224,12 +208,10 @@ def measure(
     warm_up: Iterable[Candidate] = (),
     deadline: Deadline | None = None,
 ) -> MeasurementSet:
-    """Measure error and time of each candidate.
+    """Measure error and time of each candidate; one that fails gives a row, too.
 
-    A candidate that fails gives a row, too. Calls take turns, so that a busy moment of the machine
-    affects all of them alike.
-    candidates: automatic choices among them mark the row of the method that they chose, or are
-    measured themselves if no named method has the same row.
+    Calls take turns, so that a busy moment of the machine affects all of them alike. Automatic
+    choices mark the row of the method that they chose, or are measured if there is none.
     truth: the exact answer.
     warm_up: of a similar case, for which nothing is cached. Those of loose tolerances are computed
     beforehand: what a library does at its first use in a process is in no row's time.
@@ -250,10 +232,9 @@ def measure(
 
 def _answer_once(
     candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress, deadline: Deadline
-) -> tuple[list[Row], Calls]:
+) -> tuple[list[Row], dict[int, Callable[[], Any]]]:
     """Return rows with error and time of each candidate's first answer, and the calls to time."""
-    rows: list[Row] = []
-    calls: Calls = {}
+    rows, calls = list[Row](), dict[int, Callable[[], Any]]()
     for number, candidate in enumerate(candidates):
         progress.report(number / len(candidates), f"planning {candidate.row.method}")
         if deadline.is_over:
@@ -271,14 +252,13 @@ def _answer_once(
             rows += [] if candidate.calls else [replace(candidate.row, failure=str(error))]
             continue
         spent = _first_answer_seconds(candidate, time.process_time() - began, deadline)
-        chosen = (candidate.calls,) if candidate.calls else ()
         calls[len(rows)] = planned.call
         rows.append(
             replace(
                 _with_account(row, planned),
                 error_achieved=float(np.linalg.norm(value - truth) / np.linalg.norm(truth)),
                 first_answer_s=spent,
-                chosen_for=chosen,
+                chosen_for=(candidate.calls,) if candidate.calls else (),
             )
         )
     return rows, calls
@@ -325,10 +305,9 @@ def _mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
 def time_calls(
     calls: Mapping[int, Callable[[], Any]], progress: Progress, deadline: Deadline | None = None
 ) -> tuple[dict[int, tuple[float, float]], float]:
-    """Return median processor and wall-clock seconds of each call, by its index.
+    """Return median processor and wall-clock seconds of each call, and those of the kernel.
 
-    The second value is the median processor time of the calibration kernel in seconds. Each call
-    is timed at least once, and no more after the deadline.
+    The kernel's are processor seconds. Each call is timed once, and no more after the deadline.
     """
     jobs: dict[int, Callable[[], Any]] = {-1: _calibration_kernel(), **calls}
     times: dict[int, list[tuple[float, float]]] = {index: [] for index in jobs}
@@ -359,10 +338,7 @@ def _calibration_kernel() -> Callable[[], Any]:
 
 
 def _time_call(call: Callable[[], Any]) -> tuple[float, float]:
-    """Return average processor and wall-clock seconds of a call.
-
-    The call is repeated until it has used enough processor time.
-    """
+    """Return average processor and wall-clock seconds of a call, which is repeated if short."""
     count, cpu, wall = 0, time.process_time(), time.perf_counter()
     while True:
         call()
@@ -380,28 +356,20 @@ def mark_front(rows: Sequence[R]) -> list[R]:
 
     There are two fronts, by the time of a call and by the time of the first answer.
     """
-    per_call = _front(rows, [row.cpu_s for row in rows])
-    first = _front(rows, [row.first_answer_s for row in rows])
+
+    def front(times: Sequence[float | None]) -> list[bool]:
+        points = [
+            tuple(math.inf if one is None else one for one in (seconds, row.error_achieved))
+            for row, seconds in zip(rows, times, strict=True)
+        ]
+        return [
+            not (row.failure or math.isinf(s) or any(t < s and e < error for t, e in points))
+            for row, (s, error) in zip(rows, points, strict=True)
+        ]
+
+    per_call = front([row.cpu_s for row in rows])
+    first = front([row.first_answer_s for row in rows])
     return [
         replace(row, on_front=on, on_first_front=on_first)
         for row, on, on_first in zip(rows, per_call, first, strict=True)
     ]
-
-
-def _front(rows: Sequence[Row], times: Sequence[float | None]) -> list[bool]:
-    """Tell which rows no other row beats in both error and one kind of time."""
-    points = [
-        (_number(time), _number(row.error_achieved)) for row, time in zip(rows, times, strict=True)
-    ]
-
-    def is_beaten(seconds: float, error: float) -> bool:
-        return any(s < seconds and e < error for s, e in points)
-
-    return [
-        not row.failure and math.isfinite(seconds) and not is_beaten(seconds, error)
-        for row, (seconds, error) in zip(rows, points, strict=True)
-    ]
-
-
-def _number(value: float | None) -> float:
-    return math.inf if value is None else value

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import labapp
@@ -20,17 +19,15 @@ from labapp.accuracy.reading import (
     setting_name,
     time_kinds,
 )
+from labapp.accuracy.row_output import row_data
 from labapp.accuracy.work_precision import CUT, Row
 
 
 @dataclass(frozen=True)
 class MeasuredOperation:
-    """What was measured of one operation.
+    """What was measured of one operation, in words and rows.
 
-    name, title: name in JSON, and heading.
-    what: what is computed and how the diagram is read, in a few sentences.
-    case: the case that was measured, in words.
-    error_name: what error was measured.
+    what: what is computed and how the diagram is read.
     seconds: wall-clock time that measuring took.
     """
 
@@ -73,7 +70,7 @@ class MeasuredOperation:
         if starred:
             reached = cheapest_row(self.rows, starred[0]) is not None
             goal = f"for {format_error(WANTED)}" if reached else "near the best"
-            times = " and ".join(_short_name(kind) for kind in starred)
+            times = " and ".join(kind.short_name.lower() for kind in starred)
             words.append(f"★ cheapest {goal}, {times}")
         if row.tol is None:
             words += ["automatic choice"] if row.chosen_for else []
@@ -91,7 +88,15 @@ class MeasuredOperation:
             "case": self.case,
             "error": self.error_name,
             "seconds": self.seconds,
-            "cheapest": {kind.name: self._cheapest(kind) for kind in self.kinds},
+            "cheapest": {
+                kind.name: {
+                    "row": None if star is None else self.rows.index(star),
+                    "reaches": WANTED if cheapest_row(self.rows, kind) is not None else None,
+                    "words": cheapest_sentence(self.rows, kind),
+                }
+                for kind in self.kinds
+                for star in [highlighted_row(self.rows, kind)]
+            },
             "next_decimal": {
                 kind.name: next_decimal_sentences(self.rows, kind) for kind in self.kinds
             },
@@ -100,29 +105,15 @@ class MeasuredOperation:
                 f"{row.method}, {setting_name(row)}" for row in self.rows if row.failure == CUT
             ],
             "table": [self.rows.index(row) for row in self.table_rows],
-            "rows": [_row_data(row) for row in self.rows],
+            "rows": [row_data(row) for row in self.rows],
         }
 
-    def _cheapest(self, kind: TimeKind) -> dict[str, Any]:
-        row = highlighted_row(self.rows, kind)
-        return {
-            "row": None if row is None else self.rows.index(row),
-            "reaches": WANTED if cheapest_row(self.rows, kind) is not None else None,
-            "words": cheapest_sentence(self.rows, kind),
-        }
-
-
-def _short_name(kind: TimeKind) -> str:
-    return kind.name.partition(":")[0].lower()
-
-
-def _row_data(row: Row) -> dict[str, Any]:
-    """Return a row as plain data; JSON has no infinity, which becomes null."""
-    return {name: _finite(value) for name, value in asdict(row).items()}
-
-
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    @property
+    def summary_rows(self) -> list[list[str]]:
+        """The cheapest setting for each kind of time: title, time, sentence."""
+        return [
+            [self.title, kind.short_name, cheapest_sentence(self.rows, kind)] for kind in self.kinds
+        ]
 
 
 @dataclass(frozen=True)

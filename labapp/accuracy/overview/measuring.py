@@ -11,7 +11,6 @@ from labapp.accuracy.overview.cases import OverviewSettings, Scope
 from labapp.accuracy.overview.measured import LeftOut, MeasuredOperation, Outcome
 from labapp.accuracy.overview.operations import OPERATIONS, Operation
 from labapp.accuracy.overview.page import page_html
-from labapp.accuracy.reading import cheapest_sentence
 from labapp.accuracy.row_output import describe_machine
 from labapp.accuracy.work_precision import LONGEST_CALL, Deadline
 from labapp.common.console import out, print_json, print_message, print_table, terminal_progress
@@ -87,40 +86,29 @@ def accuracy_page(
     folder: Path,
     *,
     as_json: bool,
-    settings: OverviewSettings | None = None,
 ) -> None:
     """Measure what accuracy costs in every operation, write the page, and print its summary.
 
     camera: file of the camera that is measured; None for the bundled cases.
-    settings: how much is measured.
     The process ends with exit code 130 if it was cancelled after something was measured; that is
     written all the same.
     """
     described = None if camera is None else read_camera(camera)
     scope = "Bundled cases" if camera is None else f"The camera of {camera.name}"
     with terminal_progress() as progress:
-        outcome = measure_all(described, scope, progress, settings, OPERATIONS)
+        outcome = measure_all(described, scope, progress, operations=OPERATIONS)
     write_outcome(outcome, folder)
     if as_json:
         print_json(outcome.as_data())
     else:
-        _print_summary(outcome)
+        rows = [row for one in outcome.operations for row in one.summary_rows]
+        print_table("What accuracy costs", ["operation", "time of", "setting"], rows)
+        for one in outcome.left_out:
+            out.print(f"not measured: {one.title}: {one.why}")
+        out.print(outcome.machine, style="dim")
     for name in ACCURACY_FILES:
         print_message(f"wrote {folder / name}")
     if outcome.cancelled:
         count = f"{len(outcome.operations)} of {len(OPERATIONS)}"
         print_message(f"cancelled: {count} operations were measured, and are on the page")
         raise SystemExit(130)
-
-
-def _print_summary(outcome: Outcome) -> None:
-    """Print the cheapest settings, and what wasn't measured."""
-    rows = [
-        [one.title, kind.name.partition(":")[0], cheapest_sentence(one.rows, kind)]
-        for one in outcome.operations
-        for kind in one.kinds
-    ]
-    print_table("What accuracy costs", ["operation", "time of", "setting"], rows)
-    for one in outcome.left_out:
-        out.print(f"not measured: {one.title}: {one.why}")
-    out.print(outcome.machine, style="dim")
