@@ -82,13 +82,15 @@ def simulate_photograph(
         raise UserError(f"{name} is {scene.shape}, no larger than its PSF, {psf.shape}.")
     truth, frame = scene, scene
     if border == "periodic":
-        frame = _convolve_periodically(scene, psf)
+        rows, columns = psf.shape
+        room = [(0, n - m) for n, m in zip(scene.shape, psf.shape, strict=True)]
+        whole = np.roll(np.pad(psf, room), (-(rows // 2), -(columns // 2)), (0, 1))
+        frame = irfft2(rfft2(scene) * rfft2(whole), s=scene.shape)
     else:
         frame = np.asarray(fftconvolve(scene, psf, mode="valid"))
-        truth = scene[
-            _fully_seen_slice(psf.shape[0], len(frame)),
-            _fully_seen_slice(psf.shape[1], len(frame.T)),
-        ]
+        # The part of the scene that the photograph shows.
+        top, left = (m - 1 - m // 2 for m in psf.shape)
+        truth = scene[top : top + frame.shape[0], left : left + frame.shape[1]]
     noisy = frame + np.random.default_rng(seed).normal(0, noise, frame.shape)
     return SimulatedPhotograph(name, truth, noisy, psf, noise, border)
 
@@ -107,53 +109,21 @@ def photograph_from_options(
     Raises UserError for options that are unknown or can't be met.
     """
     require_blur(blur, border)
-    kernel = (
-        BLURS[blur]() if psf is None else _first_band(read_psf_file(psf, 1, RecordSelection())[0])
-    )
+    if psf is None:
+        kernel = BLURS[blur]()
+    else:
+        kernel = read_psf_file(psf, 1, RecordSelection())[0][0].astype(np.float64)
     levels = read_photograph(picture or bundled_path("photograph.jpg"), encoding=LINEAR).light
     grey = levels.mean(0, dtype=np.float64)
     if not (np.isfinite(grey).all() and grey.max() > 0):
         raise UserError(f"{picture}: is dark, or not finite. Give a picture with light in it.")
-    scene = _middle(grey / _white_level(levels), size)
+    # White is the first of these that no level of the picture exceeds, or else its brightest.
+    brightest = float(levels.max())
+    white = next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)
+    rows, columns = (slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in grey.shape)
+    scene = np.ascontiguousarray((grey / white)[rows, columns])
     name = f"{blur if psf is None else psf.name}, noise {noise:g}, {scene.shape}, {border} border"
     return simulate_photograph(name, scene, kernel, noise, seed, cast(Border, border))
-
-
-def _white_level(levels: NDArray[np.float32]) -> float:
-    """Return the level of white in a picture.
-
-    The level is the first of 1, 255 and 65535 that no level of the picture exceeds, or else the
-    picture's brightest level.
-    """
-    brightest = float(levels.max())
-    return next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)
-
-
-def _first_band(bands: NDArray[np.float32]) -> Array:
-    return bands[0].astype(np.float64)
-
-
-def _middle(picture: Array, size: int) -> Array:
-    rows, columns = (slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in picture.shape)
-    return np.ascontiguousarray(picture[rows, columns])
-
-
-def _fully_seen_slice(psf: int, seen: int) -> slice:
-    """Return the part of the scene's axis that the photograph shows.
-
-    psf: samples of the PSF along the axis.
-    seen: pixels of the photograph along the axis.
-    """
-    first = psf - 1 - psf // 2
-    return slice(first, first + seen)
-
-
-def _convolve_periodically(scene: Array, psf: Array) -> Array:
-    rows, columns = psf.shape
-    room = [(0, n - m) for n, m in zip(scene.shape, psf.shape, strict=True)]
-    whole = np.roll(np.pad(psf, room), (-(rows // 2), -(columns // 2)), (0, 1))
-    spread: Array = irfft2(rfft2(scene) * rfft2(whole), s=scene.shape)
-    return spread
 
 
 def disk(radius: float) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +62,7 @@ compared. Chosen."""
 class FieldCase:
     """A field on a source plane, and the target plane on which it is to be computed.
 
-    distance: in metres; a negative one goes back.
-    wavelength: in metres.
+    distance, wavelength: metres; a negative distance goes back.
     paraxial: selects the Fresnel model instead of the scalar one.
     """
 
@@ -125,13 +123,15 @@ def field_case_from_options(
 
     light: "smooth" for three Gaussians that the samples resolve, two of them tilted; "cells" for
     squares of constant field with random phases, as an SLM shows them.
-    source, target: planes from which and to which the field propagates.
-    distance, wavelength: metres; a negative distance goes back.
-    paraxial: whether the Fresnel model is meant instead of the scalar one.
     Raises UserError for an unknown kind of field, or values that are impossible.
     """
     require_propagation(light, distance, wavelength)
-    field = smooth_light(source) if light == "smooth" else random_cells(source)
+    field: Light
+    if light == "smooth":
+        field = smooth_light(source)
+    else:
+        phase = np.random.default_rng(0).uniform(0, 2 * np.pi, source.shape)
+        field = CellLight(source, np.exp(1j * phase))
     return FieldCase(light, field, target, distance, wavelength, paraxial)
 
 
@@ -156,24 +156,20 @@ def smooth_light(plane: Plane) -> SmoothLight:
     return SmoothLight(plane, gaussians)
 
 
-def random_cells(plane: Plane) -> CellLight:
-    """Return a discontinuous field: square cells with random phases, one for each sample.
-
-    The field is constant in each cell.
-    """
-    phase = np.random.default_rng(0).uniform(0, 2 * np.pi, plane.shape)
-    return CellLight(plane, np.exp(1j * phase))
-
-
 class FieldReference:
     """The exact field on some samples of the target, as weighted real numbers.
 
-    Half of the samples are drawn in proportion to their light and half evenly. They are weighted
-    such that relative L2 errors estimate those of the whole target.
+    Half of the samples are drawn in proportion to their light, as far as a method tells where it
+    arrives, and half evenly. They are weighted such that relative L2 errors estimate those of the
+    whole target.
     """
 
     def __init__(self, case: FieldCase) -> None:
-        light = np.abs(_rough_field(case)) ** 2
+        try:
+            rough = np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
+        except ValueError:
+            rough = np.ones(case.target.shape, dtype=np.complex128)
+        light = np.abs(rough) ** 2
         count = _MAX_SAMPLES
         while True:
             self._where, self._weight = draw_samples(np.random.default_rng(0), light, count)
@@ -209,19 +205,17 @@ def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
     return Places(y[rows], x[columns], case.distance, case.wavelength)
 
 
-def _rough_field(case: FieldCase) -> Complex:
-    """Estimate where on the target the light arrives; 1 everywhere if no method can."""
-    try:
-        return np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
-    except ValueError:
-        return np.ones(case.target.shape, dtype=np.complex128)
-
-
 def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> Iterator[Candidate]:
-    """Yield every free-space method at every tolerance.
+    """Yield every free-space method at every tolerance."""
 
-    A method that refuses gives a row with the reason.
-    """
+    def plan(*, tol: float, method: str | None, calls: int) -> FreeSpace:
+        operator = case.operator(tol, method=method, calls=calls, budget=budget)
+        predicted = operator.account.cpu_predicted
+        if predicted > _MAX_METHOD_S:
+            raise ValueError(
+                f"the {operator.method} takes {predicted:.0f} s, and {_MAX_METHOD_S:g} s are tried"
+            )
+        return operator
 
     def build_call(operator: FreeSpace) -> Callable[[], Real]:
         field = case.samples
@@ -230,21 +224,7 @@ def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> It
         return lambda: reference.samples_of(operator(field))
 
     row = Row("propagate", case.name, "", "float64", None)
-    return candidates_by_tolerance(
-        row, METHODS, TOLERANCES, partial(_plan_within_time_limit, case, budget), build_call
-    )
-
-
-def _plan_within_time_limit(
-    case: FieldCase, budget: Budget, *, tol: float, method: str | None, calls: int
-) -> FreeSpace:
-    operator = case.operator(tol, method=method, calls=calls, budget=budget)
-    predicted = operator.account.cpu_predicted
-    if predicted > _MAX_METHOD_S:
-        raise ValueError(
-            f"the {operator.method} takes {predicted:.0f} s, and {_MAX_METHOD_S:g} s are tried"
-        )
-    return operator
+    return candidates_by_tolerance(row, METHODS, TOLERANCES, plan, build_call)
 
 
 def compare_methods(
@@ -266,7 +246,6 @@ def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Pat
     """Measure error and time of every free-space method, and print the rows.
 
     peers: whether other libraries are measured as well.
-    plot: file of the diagram; None for no diagram.
     """
     adapters = installed_peers("propagate") if peers else []
     with terminal_progress() as progress:

@@ -61,42 +61,24 @@ def candidates(case: LensCase, budget: Budget, *, grids: bool = True) -> Iterato
     Methods that take a tolerance come once for each tolerance. Sampling the pupil on a square
     grid comes once for each grid size, precision and Fourier transform, if `grids` is true.
     """
+    plan = partial(
+        PSFOperator, case.lens, case.distance, case.wavelength, case.pixels, integrate=False,
+        budget=budget,
+    )  # fmt: skip
     row = Row("psf", case.name, "", "float64", None)
-    found = candidates_by_tolerance(
-        row, _METHODS, _TOLERANCES, partial(_operator, case, budget), lambda operator: operator
-    )
+    found = candidates_by_tolerance(row, _METHODS, _TOLERANCES, plan, lambda operator: operator)
     for one in found:
         words = _METHODS.get(one.row.method, one.row.method)
         yield replace(one, row=replace(one.row, method=words))
     for grid in _GRIDS if grids else ():
+        pitch = case.lens.stop_diameter / (grid - 2)
+        scale = case.wavelength * case.lens.image_distance
+        geometry = FourierGeometry(Plane((grid, grid), (pitch, pitch)), case.pixels, scale)
         for precision, dtype in _PRECISIONS.items():
-            geometry = _grid_geometry(case, grid)
             for transform in valid_transforms(geometry, dtype, 1e-6):
                 words = f"{grid}² grid, {transform.name}"
                 row = Row("psf", case.name, words, precision, None)
                 yield Candidate(row, partial(_on_grid, case, geometry, dtype, transform.name))
-
-
-def _operator(
-    case: LensCase, budget: Budget, *, tol: float, method: str | None, calls: int
-) -> PSFOperator:
-    return PSFOperator(
-        case.lens,
-        case.distance,
-        case.wavelength,
-        case.pixels,
-        integrate=False,
-        tol=tol,
-        method=method,
-        calls=calls,
-        budget=budget,
-    )
-
-
-def _grid_geometry(case: LensCase, grid: int) -> FourierGeometry:
-    pitch = case.lens.stop_diameter / (grid - 2)
-    scale = case.wavelength * case.lens.image_distance
-    return FourierGeometry(Plane((grid, grid), (pitch, pitch)), case.pixels, scale)
 
 
 def _on_grid(
