@@ -71,11 +71,9 @@ def chain_density(
 ) -> Array:
     """Return the share of light per square metre, (modulations, y, x), 1/m².
 
-    The share is relative to the light that panel and stop would pass if they stood in one plane,
-    for a point on the axis.
-    modulations: complex, of the pixels of the panel, each (rows, columns).
-    y, x: positions in metres from the geometric image.
-    margin: factor by which nodes are denser than needed.
+    It is relative to the light that panel and stop would pass if they stood in one plane, for a
+    point on the axis. Modulations of the pixels are complex, each (rows, columns); y and x are
+    metres from the geometric image. `margin` is the factor by which nodes are denser than needed.
     """
     field = chain_field(chain, modulations, y, x, margin=margin)
     panel = chain.camera.panel
@@ -92,9 +90,9 @@ def chain_field(
     *,
     margin: float = NODE_MARGIN,
 ) -> Field:
-    """Return the complex field at the sensor, (modulations, y, x).
+    """Return the complex field at the sensor, (modulations, y, x), as `chain_density` is asked.
 
-    The wave on the panel has an amplitude of 1. The arguments are those of `chain_density`.
+    The wave on the panel has an amplitude of 1.
     """
     y, x = y + chain.field[0], x + chain.field[1]
     down, across = (margin * slope for slope in _slopes(chain, y, x))
@@ -146,11 +144,7 @@ def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
 
 
 def _sensor_kernel(chain: ImagingChain, positions: Array, places: Array) -> Field:
-    """Return lens and Fresnel integral to the sensor along one axis, (positions, places).
-
-    positions: on the sensor, metres.
-    places: at the lens, metres.
-    """
+    """Return lens and Fresnel integral along one axis, (positions on the sensor, places there)."""
     lens, wavelength, z2 = chain.lens, chain.wavelength, chain.lens.image_distance
     path = (positions[:, None] - places) ** 2 / z2 - places**2 / lens.focal_length
     return np.asarray(np.exp(1j * np.pi / wavelength * path) / np.sqrt(1j * wavelength * z2))
@@ -173,33 +167,26 @@ class _LineSum:
         middles = self._edges[:-1, None] + self._half
         self._nodes = (middles + self._half * self._t).ravel()
         weights = np.tile(self._half * self._w, middles.size)
-        self._panel_field = self._field_from_panel()
-        self._sensor_kernels = (_sensor_kernel(chain, x, self._nodes * chain.radius) * weights).T
+        # The panel's light at the nodes, (nodes, ranks), one for each column of the factored panel,
+        # in pieces, because there are many columns and many nodes.
+        places = self._nodes * chain.radius
+        self._panel_field = np.concatenate(
+            [
+                self._factors.apply_right_factors(self._panel.propagation_matrix(1, piece))
+                for piece in np.array_split(places, math.ceil(places.size / _PLACES_AT_ONCE))
+            ]
+        )
+        self._sensor_kernels = (_sensor_kernel(chain, x, places) * weights).T
         self._sums = self._cumulative_sums() if chain.lens.has_quadratic_phase else None
         # This matrix turns values at the nodes of a cell into the Legendre coefficients of the
         # polynomial through them.
         degrees = np.arange(NODES_PER_CELL)[:, None] + 0.5
         self._fit = degrees * legendre.legvander(self._t, NODES_PER_CELL - 1).T * self._w
 
-    def _field_from_panel(self) -> Field:
-        """Return the panel's light at the nodes, (nodes, ranks).
-
-        There is one value for each column of the factored panel. The values are computed in pieces,
-        because there are many columns and many nodes.
-        """
-        places = self._nodes * self._chain.radius
-        pieces = np.array_split(places, math.ceil(places.size / _PLACES_AT_ONCE))
-        found = [
-            self._factors.apply_right_factors(self._panel.propagation_matrix(1, piece))
-            for piece in pieces
-        ]
-        return np.concatenate(found)
-
     def _cumulative_sums(self) -> Field | None:
-        """Return sums over the cells up to each edge, (edges, ranks, x).
+        """Return sums over the cells up to each edge, (edges, ranks, x), which all lines share.
 
-        All lines share them where the phase of the lens separates along y and x. None if the sums
-        take too much memory.
+        None if they take too much memory.
         """
         cells, ranks, places = self._edges.size - 1, self._panel_field.shape[1], self._x.size
         if cells * ranks * places > _MAX_SUMS:
@@ -260,10 +247,7 @@ class _LineSum:
         return found
 
     def _partial_cells(self, line: StopLine) -> Iterator[tuple[int, float, float]]:
-        """Yield the open parts of a line outside fully open cells.
-
-        Each item is the index of the cell, and the ends of the part in stop radii.
-        """
+        """Yield a line's open parts outside fully open cells: the cell, and the ends in radii."""
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
             if last < first:
@@ -279,8 +263,8 @@ class _LineSum:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Field]:
         """Return line, cell and quadrature weights of every open part of a partly open cell.
 
-        The weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate
-        the polynomial through these values.
+        The weights, (pieces, x, nodes), integrate the polynomial through the wave at the cell's
+        nodes.
         """
         pieces = [
             (n, *piece) for n, line in enumerate(lines) for piece in self._partial_cells(line)
@@ -302,11 +286,10 @@ class _LineSum:
         return number, cell, (onward * passed[:, None]) @ between
 
     def _phase_coefficients(self, heights: Array) -> Array | None:
-        """Return Chebyshev coefficients of the lens's phase along each line.
+        """Return Chebyshev coefficients along each line of what the lens adds to a quadratic phase.
 
-        The phase is what differs from that of a thin lens without aberrations: the aberrations, and
-        the difference between a stigmatic and a thin lens. Along a line it is a polynomial, or well
-        approximated by one. None for a lens whose phase is quadratic.
+        That is the aberrations, and the difference between a stigmatic and a thin lens: along a
+        line a polynomial, or well approximated by one. None for a lens of quadratic phase.
         """
         chain, lens = self._chain, self._chain.lens
         if lens.has_quadratic_phase:
@@ -324,7 +307,7 @@ class _LineSum:
     def _lens_factor(self, coefficients: Array | None, nodes: Array) -> Field | Array:
         """Return the lens's factor without its quadratic phase, (lines, nodes).
 
-        nodes: common to all lines, (nodes,), or different from line to line, (lines, nodes).
+        nodes: common to all lines, (nodes,), or of each line, (lines, nodes).
         """
         if coefficients is None:
             return np.ones((1, nodes.shape[-1]))

@@ -37,11 +37,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PSFProblem:
-    """A PSF problem that methods are compared on.
+    """A PSF problem of a lens, or of a panel in the plane of its lens, on a window of pixels.
 
-    optics: a camera whose panel stands in the plane of its lens, or a lens alone.
     distance, wavelength: metres.
-    pixels: window on the sensor.
     integrate: whether the light is integrated over pixels, or taken at their centres.
     tol: requested relative L2 error.
     phase: on the panel, radians; None for a lens alone.
@@ -81,10 +79,7 @@ class PSFProblem:
         return np.asarray(answer, dtype=np.float64)
 
     def build_reference(self, light: Array) -> PSFReference:
-        """Return the exact light on some samples, drawn more often where `light` is bright.
-
-        light: an approximate PSF.
-        """
+        """Return exact light on samples, drawn more often where an approximate PSF is bright."""
         return PSFReference(self, light)
 
 
@@ -132,10 +127,7 @@ class PSFReference:
         )
 
     def weighted_samples(self, light: Array) -> Array:
-        """Return a PSF's weighted samples on the compared rows and columns.
-
-        Their norm estimates that of the whole PSF.
-        """
+        """Return a PSF's compared samples, weighted so that their norm estimates that of all."""
         return self._apply_weights(light[np.ix_(self._rows, self._columns)])
 
     def _apply_weights(self, samples: Array) -> Array:
@@ -191,34 +183,29 @@ class PSFReference:
         return math.ceil(2 * waves) + 6
 
     def density_behind_panel(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
-        """Return the share of light per square metre behind a panel in its lens's plane, (y, x).
-
-        Every open pixel of the panel is a square of one modulation.
-        """
+        """Return the light per square metre behind a panel of square pixels at its lens, (y, x)."""
         panel, lens, problem = camera.panel, camera.lens, self._problem
         scale, radius = problem.wavelength * lens.image_distance, lens.stop_diameter / 2
         nodes, weights = np.polynomial.legendre.leggauss(self._panel_nodes())
         inside, weights = nodes * panel.active_side / 2, weights * panel.active_side / 2
         amplitude = open_area_shares(lens.stop, radius, panel.plane)
-        modulation = amplitude * np.exp(1j * phase)
+        modulation = np.repeat(amplitude * np.exp(1j * phase), inside.size, axis=1)
         v, u = (sample_positions(panel.plane, axis) for axis in (0, 1))
         field = np.zeros((y.size, x.size), dtype=np.complex128)
-        across = np.exp(-2j * np.pi / scale * np.outer((u[:, None] + inside).ravel(), x))
+        u = (u[:, None] + inside).ravel()
+        across = np.exp(-2j * np.pi / scale * np.outer(u, x))
         for dv, weight in zip(inside, weights, strict=True):
-            wave = np.repeat(modulation, inside.size, axis=1) * np.tile(weights, u.size)
-            wave *= np.exp(1j * self._pupil_phases(v + dv, (u[:, None] + inside).ravel()))
+            wave = modulation * np.tile(weights, panel.shape[1])
+            heights = (v + dv) / radius
+            rows = [
+                pupil_phase(lens, problem.distance, problem.wavelength, float(h), u / radius)
+                for h in heights
+            ]
+            wave *= np.exp(1j * np.stack(rows))
             down = np.exp(-2j * np.pi / scale * np.outer(y, v + dv))
             field += weight * (down @ (wave @ across))
         power = amplitude.sum() * panel.active_side**2
         return np.asarray(np.abs(field) ** 2 / (scale**2 * power))
-
-    def _pupil_phases(self, v: Array, u: Array) -> Array:
-        problem, radius = self._problem, self._problem.lens.stop_diameter / 2
-        rows = [
-            pupil_phase(problem.lens, problem.distance, problem.wavelength, float(h), u / radius)
-            for h in v / radius
-        ]
-        return np.stack(rows)
 
 
 def window_corner_distance(problem: PSFProblem) -> float:
@@ -318,13 +305,10 @@ class ChainReference(PSFReference):
 def draw_samples(
     rng: np.random.Generator, light: Array, count: int
 ) -> tuple[NDArray[np.int64], Array]:
-    """Draw samples, half by their light and half evenly; return flat indices and weights.
+    """Draw samples of a picture's light; return flat indices and weights.
 
-    Half of a sample's probability is in proportion to its light; the other half is the same for
-    all. Weights are the inverse probabilities: a weighted sum over the drawn samples estimates the
-    sum over all.
-    light: of every sample, of any shape; not negative.
-    count: samples to draw; all are taken where there are no more.
+    Half of a sample's probability is in proportion to its light, and half the same for all. Weights
+    are the inverse probabilities: a weighted sum over the drawn samples estimates that over all.
     """
     light = light.ravel()
     if light.size <= count:
