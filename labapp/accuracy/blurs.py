@@ -38,13 +38,11 @@ _FINER = 16
 
 @dataclass(frozen=True, eq=False)
 class SimulatedPhotograph:
-    """A simulated blurred photograph of a known scene.
+    """A simulated blurred photograph of a known scene, (rows, columns), where white is 1.
 
-    name: blur, noise, size and border in words.
-    truth: (rows, columns): what a camera without blur and noise would have seen; white is 1.
-    observation: (rows, columns): the blurred and noisy photograph; white is 1.
-    psf: (rows, columns): its sum is 1, its origin lies at n // 2.
-    noise: standard deviation of a pixel; white is 1.
+    truth: what a camera without blur and noise would have seen.
+    psf: its sum is 1, its origin lies at n // 2.
+    noise: standard deviation of a pixel.
     border: what the scene does beyond the frame.
     """
 
@@ -61,10 +59,7 @@ class SimulatedPhotograph:
         return build_observation(self.observation.astype(np.float32), self.psf, None, self.border)
 
     def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
-        """Return a restoration's PSNR in dB and its SSIM against the truth.
-
-        Both cover the whole frame. The picture is clipped to 0 to 1 first; white is 1.
-        """
+        """Return the PSNR in dB and SSIM of a restoration, clipped to 0 to 1, over the frame."""
         seen = np.clip(np.asarray(image, dtype=np.float64), 0, 1)
         return psnr(seen, self.truth), ssim(seen, self.truth)
 
@@ -146,11 +141,7 @@ def gaussian(deviation: float) -> Array:
 
 
 def circle(radius: float, centre: float) -> Array:
-    """Return a thin circle around a point.
-
-    radius: of the circle, whose line is one pixel wide, in pixels.
-    centre: share of the light that the central pixel has, 0 to 1.
-    """
+    """Return a circle, one pixel wide, around a pixel that has a share `centre` of the light."""
     at = _subpixel_positions(radius + 3)
     far = np.hypot(at[:, None], at)
     psf = (1 - centre) * _pixel_coverage(np.abs(far - radius) <= 0.5)
@@ -168,10 +159,7 @@ def shake(length: float, seed: int) -> Array:
 
 
 def line(length: float, angle: float) -> Array:
-    """Return the PSF of uniform motion along a line of `length` pixels.
-
-    angle: in radians, from the x axis towards the y axis.
-    """
+    """Return the PSF of uniform motion of `length` pixels; angle: from x to y, in radians."""
     end = 0.5 * length * np.array([math.sin(angle), math.cos(angle)])
     return _rasterise_strokes([np.stack([-end, end])], math.ceil(length))
 
@@ -194,10 +182,7 @@ BLURS: dict[str, Callable[[], Array]] = {
 
 
 def _subpixel_positions(radius: float) -> Array:
-    """Return sample positions in pixels along an axis, several per pixel and centred at 0.
-
-    They span an odd number of pixels, which is large enough for a disk of `radius` pixels.
-    """
+    """Return positions along an axis, several per pixel: an odd number of pixels around a disk."""
     side = 2 * math.ceil(radius) + 1
     return (np.arange(side * _FINER) + 0.5) / _FINER - side / 2
 

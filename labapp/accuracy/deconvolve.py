@@ -34,11 +34,9 @@ _SHORT_S = 2.0
 class DeconvolutionRow(Row):
     """Measured quality and time of a restoration method after a number of iterations.
 
-    The method estimates noise and weights by itself.
-
     error_achieved: relative L2 error of the restored picture.
-    psnr_db, ssim: PSNR in dB and SSIM over the whole frame; white is 1.
-    inside_db: PSNR in dB of the pixels that are further from the border than the PSF is large.
+    psnr_db, ssim: over the whole frame; white is 1.
+    inside_db: PSNR of the pixels that are further from the border than the PSF is large.
     """
 
     iterations: int = 0
@@ -77,7 +75,6 @@ def accuracy_deconvolve(
     """Measure quality and time of every restoration method, and print the rows.
 
     denoise: denoiser of plug-and-play methods, which are left out without one.
-    plot: file of the diagram; None for no diagram.
     """
     adapters = installed_peers("deconvolve") if peers else []
     with terminal_progress() as progress:
@@ -98,10 +95,8 @@ def measure_deconvolution(
 ) -> list[DeconvolutionRow]:
     """Measure every restoration method after more and more iterations.
 
-    Rows that no other row beats in both time and error are marked. A method that fails gives a row,
-    too. The first row is the photograph as it is.
+    The first row is the photograph as it is.
     adapters: give the methods of other libraries, see `labapp.accuracy.peers`.
-    deadline: when measuring ends; what is left then is named as cut.
     """
     settings: list[tuple[str, int, Callable[[], Any]]] = [("as it is", 0, lambda: case.observation)]
     settings += [

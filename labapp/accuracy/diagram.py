@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from itertools import cycle
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -62,26 +62,15 @@ _MARKERS = "osD^vP<>Xphd8*"
 _FRONT, _STAR, _GREY = "#444444", "#c1121f", "#c9c9c9"
 
 
-@dataclass(frozen=True)
-class _Look:
+class _Look(NamedTuple):
     """Colours and markers of the methods, by name."""
 
     colour: dict[str, str]
     marker: dict[str, str]
 
-    @staticmethod
-    def of(names: Sequence[str]) -> _Look:
-        return _Look(
-            {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(names)},
-            {name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(names)},
-        )
-
 
 def draw(name: str, rows: Sequence[Row], error_name: str = "error, relative L2") -> Figure:
-    """Draw a diagram with a heading, and the failures in a sentence each under it.
-
-    error_name: what error was measured.
-    """
+    """Draw a diagram with a heading, and the failures in a sentence each under it."""
     failures = [
         line
         for sentence in failure_sentences(rows)
@@ -113,7 +102,8 @@ def draw_panels(
     figure = Figure(figsize=(_WIDTH, total), dpi=100, layout=layout)
     grid = figure.add_gridspec(len(heights), 2 * _COLUMNS, height_ratios=heights)
     shown: tuple[list[Any], list[str]] = [], []
-    look, width = _Look.of(names), 2 * _COLUMNS // len(kinds)
+    look = _Look(dict(zip(names, cycle(_COLOURS))), dict(zip(names, cycle(_MARKERS))))
+    width = 2 * _COLUMNS // len(kinds)
     for number, kind in enumerate(kinds):
         axes = figure.add_subplot(grid[0, number * width : (number + 1) * width])
         _draw_all(axes, rows, kind, look, error_name)
@@ -135,14 +125,8 @@ def _draw_all(
 ) -> None:
     """Draw the errors of all methods against one kind of time."""
     for name, own in curves(rows, kind):
-        axes.plot(
-            *_points(own, kind),
-            look.marker[name],
-            ms=5,
-            color=look.colour[name],
-            label=name,
-            alpha=0.85,
-        )
+        colour, marker = look.colour[name], look.marker[name]
+        axes.plot(*_points(own, kind), marker, ms=5, color=colour, label=name, alpha=0.85)
     _set_scales(axes, rows, kind)
     _draw_front(axes, rows, kind)
     _draw_choice(axes, rows, kind, look)
@@ -230,7 +214,7 @@ def _set_scales(
     low, high = min(errors), max([*errors, *asked])
     room = max(math.log10(high / low), 0.5)
     axes.set_ylim(low / 10 ** (0.14 * room), high * 10 ** (0.1 * room))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _tick_seconds(value)))
+    axes.xaxis.set_major_formatter(FuncFormatter(_tick_seconds))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: format_error(value)))
     for axis, ends in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         decades = math.log10(ends[1] / ends[0])
@@ -242,7 +226,7 @@ def _set_scales(
     axes.tick_params(labelsize=8.5)
 
 
-def _tick_seconds(seconds: float) -> str:
+def _tick_seconds(seconds: float, _: int | None) -> str:
     return f"{1e3 * seconds:g} ms" if seconds < 0.9995 else f"{seconds:g} s"
 
 

@@ -22,8 +22,7 @@ def accuracy_edof(
     """Measure designs for depth of field and PSFs with gradients, and print the rows.
 
     part: "design", "psf", or "all" for both.
-    most_steps: largest number of steps of a design.
-    plot: file of the diagram: of designs, or of PSFs if they alone are measured. None for none.
+    plot: file of the diagram: of designs, or of PSFs if they alone are measured.
     """
     designs, gradients = list[edof_design.DesignRow](), list[edof_psf.GradientRow]()
     with terminal_progress() as progress:

@@ -52,13 +52,11 @@ ERROR_NAME = "level below the bound, dB"
 class DesignRow(Row):
     """Measured quality and time of a designed pattern after a number of steps.
 
-    error_achieved: level of the bound that no pattern can pass, with the depth known, less
-    `level_db`. A blind filter for all depths doesn't come near zero.
+    error_achieved: `bound_db`, which no pattern can pass, with the depth known, less `level_db`. A
+    blind filter for all depths doesn't come near zero.
     iterations: steps of the search.
-    level_db: expected PSNR in dB of one filter for all depths, at depths that the search didn't
-    use.
-    start_db: the same for the pattern that the search starts from.
-    bound_db: level of the bound.
+    level_db, start_db: expected PSNR of one filter for all depths, at depths that the search didn't
+    use: for the found pattern, and for that from which the search starts.
     """
 
     iterations: int = 0
@@ -87,16 +85,16 @@ REMARK = (
 def measure_designs(
     case: EdofCase, most_steps: int, progress: Progress, deadline: Deadline | None = None
 ) -> list[DesignRow]:
-    """Measure the level and time of designs after more and more steps.
+    """Measure the level and time of designs after more and more steps, at most `most_steps`.
 
-    Rows that no other row beats in both time and error are marked.
-    most_steps: largest number of steps.
-    deadline: when measuring ends; what is left then is named as cut.
     Raises UserError if no pattern can be designed for the camera.
     """
     deadline = deadline or Deadline()
     try:
-        bound = _bound_level(case)
+        # The level in dB that no pattern can pass with the depth known.
+        problem, grid = case.problem("rings", "quarter"), FrequencyGrid(case.size, quarter=True)
+        limit = problem.limit(case.wavelength)
+        bound = known_depth_bound(limit, problem.spectrum_on(grid), grid.shares(), case.noise)
     except ValueError as error:
         raise UserError(f"no pattern is designed for this camera: {error}.") from error
     planned, measure = list(_planned_rows(case, most_steps)), partial(_measure, case, bound)
@@ -129,14 +127,6 @@ def _planned_rows(
                 "edof-design", case.camera_name, words, "float32", None, iterations=count
             )
             yield replace(row, chosen_for=CALLS[-1:] if variant == _USUAL else ()), variant
-
-
-def _bound_level(case: EdofCase) -> float:
-    """Return the level in dB that no pattern can pass with the depth known."""
-    problem = case.problem("rings", "quarter")
-    grid = FrequencyGrid(case.size, quarter=True)
-    limit = problem.limit(case.wavelength)
-    return known_depth_bound(limit, problem.spectrum_on(grid), grid.shares(), case.noise)
 
 
 def _measure(

@@ -62,10 +62,8 @@ ERROR_NAME = "error of the PSF, relative L2"
 class GradientRow(Row):
     """Measured error and time of a PSF with its gradient, by a method at a tolerance.
 
-    error_achieved: relative L2 error of the PSF.
     gradient_error: relative L2 error of the gradient of a weighted sum of the PSF.
-    cpu_s: processor seconds of a PSF and its gradient together.
-    forward_s: processor seconds of a PSF alone.
+    cpu_s, forward_s: processor seconds of a PSF and its gradient together, and of a PSF alone.
     """
 
     gradient_error: float | None = None
@@ -98,10 +96,8 @@ def measure_gradients(
 ) -> list[GradientRow]:
     """Measure error and time of a PSF with its gradient, by each method at each tolerance.
 
-    Rows that no other row beats in both time and error are marked.
-    case: camera and window; the object is at the nearest distance.
-    deadline: when measuring ends; what is left then is named as cut.
-    Raises UserError if the camera's lens isn't one that all these methods serve.
+    The object is at the nearest distance. Raises UserError if the camera's lens isn't one that all
+    these methods serve.
     """
     progress.report(0.0, "the sum over the panel's pixels")
     exact = _ExactPSF(case, budget)

@@ -61,10 +61,7 @@ _REMARK = (
 
 @single_threaded
 def accuracy_hdr(cases: Sequence[BracketCase], *, as_json: bool, plot: Path | None) -> None:
-    """Measure error and time of every merge of brackets, and print the rows.
-
-    plot: file of the diagram; None for no diagram.
-    """
+    """Measure error and time of every merge of brackets, and print the rows."""
     with terminal_progress() as progress:
         rows = measure_merges(cases, progress)
     name = cases_name(cases)
@@ -82,11 +79,7 @@ def cases_name(cases: Sequence[BracketCase]) -> str:
 def measure_merges(
     cases: Sequence[BracketCase], progress: Progress, deadline: Deadline | None = None
 ) -> list[MergeRow]:
-    """Measure every merge of each bracket.
-
-    Rows that no other row beats in both time and error are marked. A merge that fails gives a row,
-    too. What is left at the deadline is named as cut.
-    """
+    """Measure every merge of each bracket."""
     cases_and_merges = [(row, (case, merge)) for case in cases for row, merge in _merges(case)]
     return measure_rows(cases_and_merges, _measure, lambda row: row.case, progress, deadline)
 

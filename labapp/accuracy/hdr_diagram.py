@@ -47,7 +47,6 @@ _MARKERS = "osD^vP"
 def draw_merges(name: str, rows: Sequence[MergeRow]) -> Figure:
     """Draw merges' errors: by exposures, with what is possible, and by time.
 
-    name: the brackets in words.
     Merges that fail are named in sentences under the diagram.
     """
     failures = [

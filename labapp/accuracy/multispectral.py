@@ -42,8 +42,7 @@ class MultispectralRow(Row):
     """Measured quality and time of restored spectral bands after a number of iterations.
 
     error_achieved: relative L2 error of all bands.
-    iterations: largest number of iterations.
-    psnr_db, least_db: mean PSNR of the bands in dB, and that of the worst band; white is 1.
+    psnr_db, least_db: mean PSNR of the bands, and that of the worst band; white is 1.
     """
 
     iterations: int = 0
@@ -70,10 +69,7 @@ _REMARK = (
 
 @single_threaded
 def accuracy_multispectral(case: SpectralCase, *, as_json: bool, plot: Path | None) -> None:
-    """Measure quality and time of restorations of spectral bands, and print the rows.
-
-    plot: file of the diagram; None for no diagram.
-    """
+    """Measure quality and time of restorations of spectral bands, and print the rows."""
     with terminal_progress() as progress:
         rows = measure_multispectral(case, progress)
     for note in () if as_json else case.notes:
@@ -85,11 +81,7 @@ def accuracy_multispectral(case: SpectralCase, *, as_json: bool, plot: Path | No
 def measure_multispectral(
     case: SpectralCase, progress: Progress, deadline: Deadline | None = None
 ) -> list[MultispectralRow]:
-    """Measure restored spectral bands after more and more iterations.
-
-    Rows that no other row beats in both time and error are marked. What is left at the deadline is
-    named as cut.
-    """
+    """Measure restored spectral bands after more and more iterations."""
     empty = MultispectralRow("multispectral", case.name, "", "float32", None)
     rows = measure_rows(
         [(replace(empty, method=name, iterations=n), solve) for name, n, solve in _settings(case)],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -38,9 +38,7 @@ _SHORT_S, _REPEATS = 0.5, 3
 class RetrievalRow(Row):
     """Measured quality and time of a phase retrieval method after a number of iterations.
 
-    error_achieved: NRMSE between PSF and target.
-    tol: None, because retrieval has no exact answer.
-    frames: of the video.
+    error_achieved: NRMSE between PSF and target; there is no exact answer.
     efficiency, contrast: those of `optics.metrics`.
     """
 
@@ -97,13 +95,13 @@ def accuracy_retrieval(
 
     name: the target in words.
     budget: processor seconds that one setting may take.
-    plot: file of the diagram; None for no diagram.
     """
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))
-    print_rows(f"Retrieval: {_case(name, rows)}", _COLUMNS, _REMARK, rows, as_json=as_json)
-    write_plot(plot, lambda: draw(_case(name, rows), rows, ERROR_NAME))
+    words = f"{name}, {frames} {'frame' if frames == 1 else 'frames'}"
+    print_rows(f"Retrieval: {words}", _COLUMNS, _REMARK, rows, as_json=as_json)
+    write_plot(plot, lambda: draw(words, rows, ERROR_NAME))
 
 
 def measure_retrieval(
@@ -115,12 +113,9 @@ def measure_retrieval(
     progress: Progress,
     deadline: Deadline | None = None,
 ) -> list[RetrievalRow]:
-    """Measure every phase retrieval method that can give so many frames.
+    """Measure phase retrieval methods that can give so many frames, after more and more iterations.
 
-    Each method is measured after more and more iterations. Rows that no other row beats in both
-    time and error are marked. A method that refuses the target gives a row with the reason.
     budget: processor seconds that one setting may take.
-    deadline: when measuring ends; what is left then is named as cut.
     """
     # This call computes stop, target and FFT plans, so that no method's time includes them.
     _retrieve_once(goal, frames, "published", 1)
@@ -184,8 +179,3 @@ def _measure(row: RetrievalRow, goal: RetrievalGoal, _: Progress) -> RetrievalRo
         wall_s=wall,
         peak_bytes=found.phases.numel() * found.phases.element_size(),
     )
-
-
-def _case(name: str, rows: Sequence[RetrievalRow]) -> str:
-    frames = rows[0].frames
-    return f"{name}, {frames} {'frame' if frames == 1 else 'frames'}"

@@ -30,14 +30,13 @@ TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3)
 class SimulationRow:
     """Measured cost and error of one simulated picture.
 
-    tol: tolerance of the effect plan; None for all effects at their finest.
-    told: error bound of the effect plan.
+    tol, told: of the effect plan: its tolerance, None for all effects at their finest, and its
+    error bound.
     mean, variance, sigma: relative L2 errors of the mean picture, the variance and the standard
     deviation, against all effects at their finest.
     work: counted operations.
-    cpu_s, deciding_s: processor time in seconds of the whole, and of the effect plan alone.
-    left_out: number of effects that are off or coarser than their finest.
-    caused: number of effects that were decided about.
+    cpu_s, deciding_s: processor seconds of the whole, and of the effect plan alone.
+    left_out, caused: effects that are off or coarser than their finest, of those decided about.
     """
 
     tol: float | None
@@ -93,9 +92,10 @@ def accuracy_simulate(request: PictureRequest, *, as_json: bool) -> None:
 
 def _situation(request: PictureRequest, progress: Progress) -> Situation:
     if request.bench is not None:
-        with prepare_scene(request, progress) as staged:
-            return staged.situation
-    with prepare_bench_scene(small_bench_setup(request.scene), request, progress) as staged:
+        scene = prepare_scene(request, progress)
+    else:
+        scene = prepare_bench_scene(small_bench_setup(request.scene), request, progress)
+    with scene as staged:
         return staged.situation
 
 

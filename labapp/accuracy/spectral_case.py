@@ -39,10 +39,8 @@ _DOTS = 8
 
 @dataclass(frozen=True, eq=False)
 class SpectralCase:
-    """A simulated coded snapshot of a known spectral cube.
+    """A simulated coded snapshot of a known spectral cube, and its name in words.
 
-    name: scene, PSFs, noise and size in words.
-    snapshot: the snapshot with the true cube.
     spectra: typical spectra, (samples, bands).
     notes: remarks for the user on how the cube's file was read.
     """
@@ -59,10 +57,7 @@ def spectral_case_from_options(
     """Simulate the snapshot that the options of `labapp accuracy multispectral` describe.
 
     cube: file of a spectral cube in shares of white; None for a ColorChecker in six bands.
-    psf: shape of the PSFs.
-    noise: standard deviation of a pixel, relative to white; 0 or more.
     size: largest side in pixels; larger cubes are cut to their middle.
-    seed: of the noise.
     Raises UserError if the shape is unknown, or the cube can't be restored.
     """
     require_psf_name(psf)
