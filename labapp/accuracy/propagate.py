@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from labapp.accuracy.command import show_measurements
 from labapp.accuracy.option_validation import require_propagation
@@ -171,9 +170,11 @@ class FieldReference:
             rough = np.ones(case.target.shape, dtype=np.complex128)
         light = np.abs(rough) ** 2
         count = _MAX_SAMPLES
+        y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
         while True:
             self._where, self._weight = draw_samples(np.random.default_rng(0), light, count)
-            places = _places(case, self._where)
+            rows, columns = np.divmod(self._where, case.target.shape[1])
+            places = Places(y[rows], x[columns], case.distance, case.wavelength)
             products = product_count(case.field, places, paraxial=case.paraxial)
             if count <= _MIN_SAMPLES or products <= _MAX_PRODUCTS:
                 break
@@ -183,10 +184,7 @@ class FieldReference:
         )
 
     def samples_of(self, answer: Any) -> Real:
-        """Return a method's field where it is compared, weighted as by `weighted_samples`.
-
-        answer: field on the whole target, a tensor or an array.
-        """
+        """Return a method's field, of the whole target, where it is compared, with weights."""
         values = answer.reshape(-1)[self._where]
         return self.weighted_samples(
             np.asarray(values.resolve_conj() if torch.is_tensor(values) else values)
@@ -196,13 +194,6 @@ class FieldReference:
         """Weight field values, (samples,), and return real and imaginary parts, (2, samples)."""
         weighed = np.sqrt(self._weight) * values
         return np.stack([weighed.real, weighed.imag])
-
-
-def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
-    """Return the positions of samples of the target. where: their flat indices."""
-    rows, columns = np.divmod(where, case.target.shape[1])
-    y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
-    return Places(y[rows], x[columns], case.distance, case.wavelength)
 
 
 def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> Iterator[Candidate]:

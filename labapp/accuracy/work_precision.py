@@ -243,8 +243,8 @@ def _answer_once(
         began = time.process_time()
         try:
             planned = candidate.plan()
-            row = _with_account(candidate.row, planned)
-            if candidate.calls and _mark_chosen(rows, row, candidate.calls):
+            row = _describe_planned(candidate.row, planned)
+            if candidate.calls and mark_chosen(rows, row, candidate.calls):
                 continue
             value = np.asarray(planned.call(), dtype=np.float64)
         except (ValueError, MemoryError) as error:
@@ -255,7 +255,7 @@ def _answer_once(
         calls[len(rows)] = planned.call
         rows.append(
             replace(
-                _with_account(row, planned),
+                _describe_planned(row, planned),
                 error_achieved=float(np.linalg.norm(value - truth) / np.linalg.norm(truth)),
                 first_answer_s=spent,
                 chosen_for=(candidate.calls,) if candidate.calls else (),
@@ -277,12 +277,14 @@ def _first_answer_seconds(candidate: Candidate, first: float, deadline: Deadline
     return statistics.median(found)
 
 
-def _with_account(row: Row, planned: PlannedCall) -> Row:
+def _describe_planned(row: Row, planned: PlannedCall) -> Row:
     """Return a row with what a planned method says of itself now."""
     row = replace(row, peak_bytes=planned.bytes)
-    if planned.account is None:
-        return row
-    account = planned.account()
+    return row if planned.account is None else with_account(row, planned.account())
+
+
+def with_account(row: Row, account: Account) -> Row:
+    """Return a row with what a method's account predicts."""
     return replace(
         row,
         engine=account.method,
@@ -293,7 +295,7 @@ def _with_account(row: Row, planned: PlannedCall) -> Row:
     )
 
 
-def _mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
+def mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
     """Mark the row that the automatic choice is the same as; tell whether there is one."""
     for number, row in enumerate(rows):
         if not row.failure and (row.engine, row.tol) == (choice.engine, choice.tol):
