@@ -16,7 +16,7 @@ from labapp.accuracy.diagram import draw
 from labapp.accuracy.measuring_loop import measure_rows, time_answers
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
-from labapp.accuracy.work_precision import CALLS, CUT, Deadline, Row
+from labapp.accuracy.work_precision import CALLS, CUT, ENDLESS, Deadline, Row, relative_error
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
@@ -91,7 +91,7 @@ def measure_deconvolution(
     speed: MachineSpeed,
     progress: Progress,
     adapters: Sequence[Callable[..., Any]] = (),
-    deadline: Deadline | None = None,
+    deadline: Deadline = ENDLESS,
 ) -> list[DeconvolutionRow]:
     """Measure every restoration method after more and more iterations.
 
@@ -145,7 +145,7 @@ def _measure(
     decibels, similar = case.quality(picture)
     return replace(
         row,
-        error_achieved=float(np.linalg.norm(picture - case.truth) / np.linalg.norm(case.truth)),
+        error_achieved=relative_error(picture, case.truth),
         cpu_s=cpu,
         wall_s=wall,
         psnr_db=decibels,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from itertools import cycle
+from itertools import chain, cycle
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,18 +71,19 @@ class _Look(NamedTuple):
 
 def draw(name: str, rows: Sequence[Row], error_name: str = "error, relative L2") -> Figure:
     """Draw a diagram with a heading, and the failures in a sentence each under it."""
-    failures = [
-        line
-        for sentence in failure_sentences(rows)
-        for line in textwrap.wrap(sentence, 150, max_lines=2)
-    ]
-    figure = draw_panels(rows, error_name, heading=0.4, footing=0.35 + 0.19 * len(failures))
+    lines = footing_lines(rows)
+    figure = draw_panels(rows, error_name, heading=0.4, footing=0.35 + 0.19 * (len(lines) - 1))
     height = figure.get_figheight()
     # The legend stands above the room that is left for the heading.
     figure.text(0.01, 1 - 0.38 / height, textwrap.shorten(name, 150), va="top", fontsize=10)
-    lines = [*failures, f"{describe_machine()}. Processor time, one thread."]
     figure.text(0.01, 0.06 / height, "\n".join(lines), va="bottom", fontsize=8, color="#444444")
     return figure
+
+
+def footing_lines(rows: Sequence[Row]) -> list[str]:
+    """Return the lines under a diagram: failures in a sentence each, and the machine."""
+    failures = [textwrap.wrap(one, 150, max_lines=2) for one in failure_sentences(rows)]
+    return [*chain.from_iterable(failures), f"{describe_machine()}. Processor time, one thread."]
 
 
 def draw_panels(

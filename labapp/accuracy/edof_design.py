@@ -13,7 +13,7 @@ import torch
 from labapp.accuracy.edof_case import EdofCase
 from labapp.accuracy.measuring_loop import measure_rows
 from labapp.accuracy.row_output import Columns, format_number
-from labapp.accuracy.work_precision import CALLS, Deadline, Row
+from labapp.accuracy.work_precision import CALLS, ENDLESS, Deadline, Row
 from labapp.common.errors import UserError
 from optics.edof.depth_bound import known_depth_bound
 from optics.edof.dioptres import random_dioptres
@@ -83,13 +83,12 @@ REMARK = (
 
 
 def measure_designs(
-    case: EdofCase, most_steps: int, progress: Progress, deadline: Deadline | None = None
+    case: EdofCase, most_steps: int, progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[DesignRow]:
     """Measure the level and time of designs after more and more steps, at most `most_steps`.
 
     Raises UserError if no pattern can be designed for the camera.
     """
-    deadline = deadline or Deadline()
     try:
         # The level in dB that no pattern can pass with the depth known.
         problem, grid = case.problem("rings", "quarter"), FrequencyGrid(case.size, quarter=True)

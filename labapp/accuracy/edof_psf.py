@@ -17,7 +17,14 @@ from labapp.accuracy.edof_case import EdofCase
 from labapp.accuracy.measuring_loop import measure_rows, time_answers
 from labapp.accuracy.references.panel_matrices import PanelMatrices
 from labapp.accuracy.row_output import Columns, format_number
-from labapp.accuracy.work_precision import CALLS, Deadline, Row, similar_wavelength
+from labapp.accuracy.work_precision import (
+    CALLS,
+    ENDLESS,
+    Deadline,
+    Row,
+    relative_error,
+    similar_wavelength,
+)
 from labapp.common.errors import UserError
 from optics.accuracy import Budget
 from optics.camera import Camera
@@ -92,7 +99,7 @@ REMARK = (
 
 
 def measure_gradients(
-    case: EdofCase, budget: Budget, progress: Progress, deadline: Deadline | None = None
+    case: EdofCase, budget: Budget, progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[GradientRow]:
     """Measure error and time of a PSF with its gradient, by each method at each tolerance.
 
@@ -212,9 +219,9 @@ def _measure(
     return replace(
         row,
         precision=account.precision,
-        error_achieved=_relative_error(light.numpy(), exact.light),
+        error_achieved=relative_error(light.numpy(), exact.light),
         error_predicted=account.error,
-        gradient_error=_relative_error(gradient, exact.gradient(symmetry)),
+        gradient_error=relative_error(gradient, exact.gradient(symmetry)),
         forward_s=forward_s,
         cpu_s=cpu_s,
         wall_s=wall,
@@ -223,7 +230,3 @@ def _measure(
         engine=account.method,
         chosen_for=CALLS[-1:] if is_chosen else (),
     )
-
-
-def _relative_error(value: Any, truth: Array) -> float:
-    return float(np.linalg.norm(value - truth) / np.linalg.norm(truth))

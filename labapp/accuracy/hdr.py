@@ -16,7 +16,7 @@ from labapp.accuracy.hdr_case import BracketCase
 from labapp.accuracy.hdr_diagram import MergeRow, draw_merges
 from labapp.accuracy.measuring_loop import measure_rows, time_answers
 from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
-from labapp.accuracy.work_precision import CALLS, Deadline
+from labapp.accuracy.work_precision import CALLS, ENDLESS, Deadline
 from labapp.common.console import terminal_progress
 from optics import hdr
 from optics.progress import Progress
@@ -77,7 +77,7 @@ def cases_name(cases: Sequence[BracketCase]) -> str:
 
 
 def measure_merges(
-    cases: Sequence[BracketCase], progress: Progress, deadline: Deadline | None = None
+    cases: Sequence[BracketCase], progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[MergeRow]:
     """Measure every merge of each bracket."""
     cases_and_merges = [(row, (case, merge)) for case in cases for row, merge in _merges(case)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from labapp.accuracy.reading import failure_sentences
-from labapp.accuracy.row_output import describe_machine
+from labapp.accuracy.diagram import footing_lines
 from labapp.accuracy.work_precision import Row
 
 ERROR_NAME = "error of the light, relative"
@@ -38,9 +36,6 @@ class MergeRow(Row):
     bias: float | None = None
 
 
-_LETTERS = 150
-"""Letters of a line under the diagram."""
-
 _MARKERS = "osD^vP"
 
 
@@ -49,12 +44,7 @@ def draw_merges(name: str, rows: Sequence[MergeRow]) -> Figure:
 
     Merges that fail are named in sentences under the diagram.
     """
-    failures = [
-        line
-        for sentence in failure_sentences(rows)
-        for line in textwrap.wrap(sentence, _LETTERS, max_lines=2)
-    ]
-    lines = [*failures, f"{describe_machine()}. Processor time, one thread."]
+    lines = footing_lines(rows)
     footing, height = 0.2 + 0.19 * len(lines), 5.0
     low = footing / (height + footing)
     layout = ConstrainedLayoutEngine(rect=(0, low, 1, 1 - low))
@@ -101,7 +91,6 @@ def _draw_by_exposures(axes: Axes, rows: Sequence[MergeRow]) -> None:
 
 
 def _draw_by_time(axes: Axes, rows: Sequence[MergeRow]) -> None:
-    """Draw errors by processor time."""
     for own, mark in zip(_methods(rows).values(), _MARKERS, strict=False):
         milliseconds = [1e3 * (row.cpu_s or 0.0) for row in own]
         axes.plot(milliseconds, _errors(own), f"{mark}-", alpha=0.85)

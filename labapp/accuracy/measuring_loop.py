@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from labapp.accuracy.work_precision import CUT, Deadline, R, mark_front
+from labapp.accuracy.work_precision import CUT, ENDLESS, Deadline, R, mark_front
 from optics.progress import Progress
 
 A = TypeVar("A")
@@ -23,7 +23,7 @@ def measure_rows(
     measure: Callable[[R, C, Progress], R],
     describe: Callable[[R], str],
     progress: Progress,
-    deadline: Deadline | None = None,
+    deadline: Deadline = ENDLESS,
     refusals: tuple[type[Exception], ...] = (ValueError,),
 ) -> list[R]:
     """Measure each case, and mark the rows that no other row beats in both time and error.
@@ -33,7 +33,7 @@ def measure_rows(
     measure: returns the filled row; an error among `refusals` is named in the row instead.
     describe: says for the progress what a row is of.
     """
-    deadline, rows = deadline or Deadline(), list[R]()
+    rows = list[R]()
     for number, (row, case) in enumerate(cases):
         part = progress.part(number / len(cases), (number + 1) / len(cases))
         part.report(0.0, describe(row))

@@ -14,7 +14,7 @@ from labapp.accuracy.diagram import draw
 from labapp.accuracy.measuring_loop import measure_rows, time_answers
 from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
 from labapp.accuracy.spectral_case import SpectralCase
-from labapp.accuracy.work_precision import CALLS, CUT, Deadline, Row
+from labapp.accuracy.work_precision import CALLS, CUT, ENDLESS, Deadline, Row, relative_error
 from labapp.common.console import print_message, terminal_progress
 from optics.multispectral import restore_by_published_objective, restore_spectra
 from optics.progress import Progress
@@ -79,7 +79,7 @@ def accuracy_multispectral(case: SpectralCase, *, as_json: bool, plot: Path | No
 
 
 def measure_multispectral(
-    case: SpectralCase, progress: Progress, deadline: Deadline | None = None
+    case: SpectralCase, progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[MultispectralRow]:
     """Measure restored spectral bands after more and more iterations."""
     empty = MultispectralRow("multispectral", case.name, "", "float32", None)
@@ -123,11 +123,10 @@ def _measure(
 ) -> MultispectralRow:
     """Measure error and time of one restoration."""
     bands, cpu, wall = time_answers(lambda: np.asarray(solve().image, np.float64), _SHORT_S)
-    truth = case.snapshot.truth
     levels = case.snapshot.band_levels(bands)
     return replace(
         row,
-        error_achieved=float(np.linalg.norm(bands - truth) / np.linalg.norm(truth)),
+        error_achieved=relative_error(bands, case.snapshot.truth),
         cpu_s=cpu,
         wall_s=wall,
         psnr_db=float(np.mean(levels)),

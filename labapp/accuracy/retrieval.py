@@ -14,7 +14,7 @@ import torch
 from labapp.accuracy.diagram import draw
 from labapp.accuracy.measuring_loop import measure_rows
 from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
-from labapp.accuracy.work_precision import CALLS, Deadline, Row
+from labapp.accuracy.work_precision import CALLS, ENDLESS, Deadline, Row
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
@@ -111,7 +111,7 @@ def measure_retrieval(
     budget: float,
     speed: MachineSpeed,
     progress: Progress,
-    deadline: Deadline | None = None,
+    deadline: Deadline = ENDLESS,
 ) -> list[RetrievalRow]:
     """Measure phase retrieval methods that can give so many frames, after more and more iterations.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from labapp.accuracy.row_output import Columns, print_rows
-from labapp.accuracy.work_precision import Deadline
+from labapp.accuracy.work_precision import ENDLESS, Deadline
 from labapp.common.console import terminal_progress
 from labapp.prediction.simulating.all_effects import (
     Deviation,
@@ -100,13 +100,12 @@ def _situation(request: PictureRequest, progress: Progress) -> Situation:
 
 
 def measure_tolerances(
-    s: Situation, progress: Progress, deadline: Deadline | None = None
+    s: Situation, progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[SimulationRow]:
     """Return a row of a simulated picture at each tolerance, the largest first.
 
     The last row is for all effects at their finest. Tolerances left at the deadline are left out.
     """
-    deadline = deadline or Deadline()
     share = 1 / (len(TOLERANCES) + 1)
     progress.report(0.0, "everything on")
     truth = render_all_effects(s, progress.raise_if_cancelled)

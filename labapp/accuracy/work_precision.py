@@ -173,7 +173,7 @@ class MeasurementSet:
     calibration_s: float
 
 
-@dataclass
+@dataclass(frozen=True)
 class Deadline:
     """The time by which measuring ends, by `time.monotonic()`: whatever is left is cut."""
 
@@ -196,6 +196,8 @@ class Deadline:
         return Deadline(now + part * (self.until - now))
 
 
+ENDLESS = Deadline()
+
 CUT = "not measured: the time for this operation was used up"
 """Failure of a row that was cut."""
 
@@ -206,7 +208,7 @@ def measure(
     progress: Progress,
     *,
     warm_up: Iterable[Candidate] = (),
-    deadline: Deadline | None = None,
+    deadline: Deadline = ENDLESS,
 ) -> MeasurementSet:
     """Measure error and time of each candidate; one that fails gives a row, too.
 
@@ -217,7 +219,6 @@ def measure(
     beforehand: what a library does at its first use in a process is in no row's time.
     deadline: when measuring ends; rows that are left then are named as cut.
     """
-    deadline = deadline or Deadline()
     for candidate in warm_up:
         if candidate.row.tol is None or candidate.row.tol <= _LOOSE:
             continue
@@ -256,12 +257,17 @@ def _answer_once(
         rows.append(
             replace(
                 _describe_planned(row, planned),
-                error_achieved=float(np.linalg.norm(value - truth) / np.linalg.norm(truth)),
+                error_achieved=relative_error(value, truth),
                 first_answer_s=spent,
                 chosen_for=(candidate.calls,) if candidate.calls else (),
             )
         )
     return rows, calls
+
+
+def relative_error(value: Any, truth: np.ndarray) -> float:
+    """Return an answer's relative L2 error."""
+    return float(np.linalg.norm(value - truth) / np.linalg.norm(truth))
 
 
 def _first_answer_seconds(candidate: Candidate, first: float, deadline: Deadline) -> float:
@@ -305,7 +311,7 @@ def mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
 
 
 def time_calls(
-    calls: Mapping[int, Callable[[], Any]], progress: Progress, deadline: Deadline | None = None
+    calls: Mapping[int, Callable[[], Any]], progress: Progress, deadline: Deadline = ENDLESS
 ) -> tuple[dict[int, tuple[float, float]], float]:
     """Return median processor and wall-clock seconds of each call, and those of the kernel.
 
@@ -313,7 +319,6 @@ def time_calls(
     """
     jobs: dict[int, Callable[[], Any]] = {-1: _calibration_kernel(), **calls}
     times: dict[int, list[tuple[float, float]]] = {index: [] for index in jobs}
-    deadline = deadline or Deadline()
     for repeat in range(_REPEATS):
         for number, (index, call) in enumerate(jobs.items()):
             done = (repeat + number / len(jobs)) / _REPEATS
