@@ -83,14 +83,15 @@ def accuracy_simulate(request: PictureRequest, *, as_json: bool) -> None:
     tolerance.
     """
     with terminal_progress() as progress:
-        s = _situation(request, progress.part(0.0, 0.1))
+        s = prepare_situation(request, progress.part(0.0, 0.1))
         found = measure_tolerances(s, progress.part(0.1, 1.0))
     print_rows(describe_situation(s), _COLUMNS, _REMARK, found, as_json=as_json)
     if not all(row.is_within_tolerance for row in found):
         raise SystemExit(1)
 
 
-def _situation(request: PictureRequest, progress: Progress) -> Situation:
+def prepare_situation(request: PictureRequest, progress: Progress) -> Situation:
+    """Return what is simulated: with the request's bench, or the bundled one with few pixels."""
     if request.bench is not None:
         scene = prepare_scene(request, progress)
     else:

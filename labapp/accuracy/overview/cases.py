@@ -11,14 +11,10 @@ from labapp.files.bench_file import read_camera
 from labapp.files.reading import bundled_path
 from labapp.patterns.designing.kinds import read_psf
 from labapp.prediction.lens_options import LensCase, read_panel
-from labapp.prediction.simulating.picture_request import PictureRequest, prepare_bench_scene
-from labapp.prediction.simulating.small_bench import small_bench_setup
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens
 from optics.plane import Plane
-from optics.progress import Progress
 from optics.retrieval.goal import RetrievalGoal
-from simulator.situation import Situation
 
 
 @dataclass(frozen=True)
@@ -160,10 +156,3 @@ def depth_of_field_case(scope: Scope) -> edof_case.EdofCase:
         size=settings.picture_size,
         window=settings.window,
     )
-
-
-def simulated_situation(progress: Progress) -> Situation:
-    """Return the situation of a simulated picture: a star, on few pixels."""
-    asked = PictureRequest(target="star")
-    with prepare_bench_scene(small_bench_setup(None), asked, progress) as staged:
-        return staged.situation

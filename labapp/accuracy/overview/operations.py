@@ -31,10 +31,10 @@ from labapp.accuracy.overview.cases import (
     lens_case,
     panel_case,
     retrieval_goal,
-    simulated_situation,
 )
 from labapp.accuracy.work_precision import CALLS, Comparison, Deadline, Row, mark_front, measure
 from labapp.pictures.networks import bundled_denoiser
+from labapp.prediction.simulating.picture_request import PictureRequest
 from optics.progress import Progress
 
 Measured = tuple[str, Sequence[Row]]
@@ -146,7 +146,8 @@ def _measure_retrieval(scope: Scope, progress: Progress, deadline: Deadline) -> 
 
 
 def _measure_simulation(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
-    s = simulated_situation(progress.part(0.0, 0.1))
+    # A star, on few pixels.
+    s = simulate.prepare_situation(PictureRequest(target="star"), progress.part(0.0, 0.1))
     found = simulate.measure_tolerances(s, progress.part(0.1, 1.0), deadline)
     name = f"{simulate.describe_situation(s)}, on the bench with few pixels"
     return name, mark_front([_simulation_row(one, name) for one in found if one.tol is not None])
