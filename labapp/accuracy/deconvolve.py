@@ -114,7 +114,8 @@ def measure_deconvolution(
         progress,
         deadline,
     )
-    return [_with_prediction(row, case.problem, speed) for row in rows]
+    problem = case.problem
+    return [_with_prediction(row, problem, speed) for row in rows]
 
 
 def _with_prediction(
