@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 from scipy.signal import fftconvolve
 
-from labapp.accuracy.blur_names import BLUR_NAMES, require_blur
+from labapp.accuracy.option_validation import BLUR_NAMES, require_blur
 from labapp.common.errors import UserError
 from labapp.files.picture.encoding import LINEAR
 from labapp.files.picture.photograph import read_photograph
@@ -38,13 +38,11 @@ _FINER = 16
 
 @dataclass(frozen=True, eq=False)
 class SimulatedPhotograph:
-    """A simulated blurred photograph of a known scene.
+    """A simulated blurred photograph of a known scene, (rows, columns), where white is 1.
 
-    name: blur, noise, size and border in words.
-    truth: (rows, columns): what a camera without blur and noise would have seen; white is 1.
-    observation: (rows, columns): the blurred and noisy photograph; white is 1.
-    psf: (rows, columns): its sum is 1, its origin lies at n // 2.
-    noise: standard deviation of a pixel; white is 1.
+    truth: what a camera without blur and noise would have seen.
+    psf: its sum is 1, its origin lies at n // 2.
+    noise: standard deviation of a pixel.
     border: what the scene does beyond the frame.
     """
 
@@ -61,10 +59,7 @@ class SimulatedPhotograph:
         return build_observation(self.observation.astype(np.float32), self.psf, None, self.border)
 
     def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
-        """Return a restoration's PSNR in dB and its SSIM against the truth.
-
-        Both cover the whole frame. The picture is clipped to 0 to 1 first; white is 1.
-        """
+        """Return the PSNR in dB and SSIM of a restoration, clipped to 0 to 1, over the frame."""
         seen = np.clip(np.asarray(image, dtype=np.float64), 0, 1)
         return psnr(seen, self.truth), ssim(seen, self.truth)
 
@@ -82,13 +77,15 @@ def simulate_photograph(
         raise UserError(f"{name} is {scene.shape}, no larger than its PSF, {psf.shape}.")
     truth, frame = scene, scene
     if border == "periodic":
-        frame = _convolve_periodically(scene, psf)
+        rows, columns = psf.shape
+        room = [(0, n - m) for n, m in zip(scene.shape, psf.shape, strict=True)]
+        whole = np.roll(np.pad(psf, room), (-(rows // 2), -(columns // 2)), (0, 1))
+        frame = irfft2(rfft2(scene) * rfft2(whole), s=scene.shape)
     else:
         frame = np.asarray(fftconvolve(scene, psf, mode="valid"))
-        truth = scene[
-            _fully_seen_slice(psf.shape[0], len(frame)),
-            _fully_seen_slice(psf.shape[1], len(frame.T)),
-        ]
+        # The part of the scene that the photograph shows.
+        top, left = (m - 1 - m // 2 for m in psf.shape)
+        truth = scene[top : top + frame.shape[0], left : left + frame.shape[1]]
     noisy = frame + np.random.default_rng(seed).normal(0, noise, frame.shape)
     return SimulatedPhotograph(name, truth, noisy, psf, noise, border)
 
@@ -107,53 +104,21 @@ def photograph_from_options(
     Raises UserError for options that are unknown or can't be met.
     """
     require_blur(blur, border)
-    kernel = (
-        BLURS[blur]() if psf is None else _first_band(read_psf_file(psf, 1, RecordSelection())[0])
-    )
+    if psf is None:
+        kernel = BLURS[blur]()
+    else:
+        kernel = read_psf_file(psf, 1, RecordSelection())[0][0].astype(np.float64)
     levels = read_photograph(picture or bundled_path("photograph.jpg"), encoding=LINEAR).light
     grey = levels.mean(0, dtype=np.float64)
     if not (np.isfinite(grey).all() and grey.max() > 0):
         raise UserError(f"{picture}: is dark, or not finite. Give a picture with light in it.")
-    scene = _middle(grey / _white_level(levels), size)
+    # White is the first of these that no level of the picture exceeds, or else its brightest.
+    brightest = float(levels.max())
+    white = next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)
+    rows, columns = (slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in grey.shape)
+    scene = np.ascontiguousarray((grey / white)[rows, columns])
     name = f"{blur if psf is None else psf.name}, noise {noise:g}, {scene.shape}, {border} border"
     return simulate_photograph(name, scene, kernel, noise, seed, cast(Border, border))
-
-
-def _white_level(levels: NDArray[np.float32]) -> float:
-    """Return the level of white in a picture.
-
-    The level is the first of 1, 255 and 65535 that no level of the picture exceeds, or else the
-    picture's brightest level.
-    """
-    brightest = float(levels.max())
-    return next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)
-
-
-def _first_band(bands: NDArray[np.float32]) -> Array:
-    return bands[0].astype(np.float64)
-
-
-def _middle(picture: Array, size: int) -> Array:
-    rows, columns = (slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in picture.shape)
-    return np.ascontiguousarray(picture[rows, columns])
-
-
-def _fully_seen_slice(psf: int, seen: int) -> slice:
-    """Return the part of the scene's axis that the photograph shows.
-
-    psf: samples of the PSF along the axis.
-    seen: pixels of the photograph along the axis.
-    """
-    first = psf - 1 - psf // 2
-    return slice(first, first + seen)
-
-
-def _convolve_periodically(scene: Array, psf: Array) -> Array:
-    rows, columns = psf.shape
-    room = [(0, n - m) for n, m in zip(scene.shape, psf.shape, strict=True)]
-    whole = np.roll(np.pad(psf, room), (-(rows // 2), -(columns // 2)), (0, 1))
-    spread: Array = irfft2(rfft2(scene) * rfft2(whole), s=scene.shape)
-    return spread
 
 
 def disk(radius: float) -> Array:
@@ -176,11 +141,7 @@ def gaussian(deviation: float) -> Array:
 
 
 def circle(radius: float, centre: float) -> Array:
-    """Return a thin circle around a point.
-
-    radius: of the circle, whose line is one pixel wide, in pixels.
-    centre: share of the light that the central pixel has, 0 to 1.
-    """
+    """Return a circle, one pixel wide, around a pixel that has a share `centre` of the light."""
     at = _subpixel_positions(radius + 3)
     far = np.hypot(at[:, None], at)
     psf = (1 - centre) * _pixel_coverage(np.abs(far - radius) <= 0.5)
@@ -198,10 +159,7 @@ def shake(length: float, seed: int) -> Array:
 
 
 def line(length: float, angle: float) -> Array:
-    """Return the PSF of uniform motion along a line of `length` pixels.
-
-    angle: in radians, from the x axis towards the y axis.
-    """
+    """Return the PSF of uniform motion of `length` pixels; angle: from x to y, in radians."""
     end = 0.5 * length * np.array([math.sin(angle), math.cos(angle)])
     return _rasterise_strokes([np.stack([-end, end])], math.ceil(length))
 
@@ -224,10 +182,7 @@ BLURS: dict[str, Callable[[], Array]] = {
 
 
 def _subpixel_positions(radius: float) -> Array:
-    """Return sample positions in pixels along an axis, several per pixel and centred at 0.
-
-    They span an odd number of pixels, which is large enough for a disk of `radius` pixels.
-    """
+    """Return positions along an axis, several per pixel: an odd number of pixels around a disk."""
     side = 2 * math.ceil(radius) + 1
     return (np.arange(side * _FINER) + 0.5) / _FINER - side / 2
 

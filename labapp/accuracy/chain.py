@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from labapp.accuracy.command import show_measurements
 from labapp.accuracy.option_validation import require_pattern
-from labapp.accuracy.references.chain_problem import ChainProblem
-from labapp.accuracy.references.psf_problem import PSFReference
-from labapp.accuracy.warm_up import first_uses, similar_wavelength
+from labapp.accuracy.references.psf_problem import ChainProblem, PSFReference
 from labapp.accuracy.work_precision import (
     LONGEST_CALL,
     Candidate,
+    Comparison,
     Row,
     candidates_by_tolerance,
     measure,
+    similar_wavelength,
 )
 from labapp.common.console import terminal_progress
 from labapp.common.errors import UserError
@@ -58,10 +58,7 @@ def chain_case_from_options(
 
     case: lens, object and window; its camera is None where no camera file was given.
     panel: "ROWSxCOLUMNSxMICROMETRES"; only where no camera file describes a panel.
-    separation_mm: distance from the panel to the lens, millimetres; None keeps the camera's.
-    pattern: phase on the panel, one of `CHAIN_PATTERNS`.
     field: position (y, x) of the image on the sensor, from the axis, metres.
-    sphere: whether the wave of the object is a sphere, and not a parabola.
     most_products: that the exact integral may take. The default takes many minutes.
     Raises UserError for options that are unknown or contradict each other, and for a camera whose
     exact integral would take too long.
@@ -69,17 +66,16 @@ def chain_case_from_options(
     camera = _camera(case, panel, separation_mm)
     phase = _phase(pattern, camera.panel.shape)
     problem = ChainProblem(
-        camera,
-        case.distance,
-        case.wavelength,
-        case.pixels,
-        False,
-        TOLERANCES[0],
-        phase,
-        field,
+        camera, case.distance, case.wavelength, case.pixels, False, TOLERANCES[0], phase, field,
         sphere,
-    )
-    _require_short(problem, most_products)
+    )  # fmt: skip
+    # The exact integral's cost doesn't depend on where in the window the light arrives.
+    terms = problem.build_reference(np.ones(problem.pixels.shape)).product_count
+    if not terms <= most_products:
+        raise UserError(
+            f"the exact integral of this camera is a sum of {terms:.0e} products, which takes too "
+            "long; give a larger --f-number, a larger --separation-mm, or a smaller panel."
+        )
     rows, columns = camera.panel.shape
     words = [
         f"{rows}x{columns} pixels of {camera.panel.pitch * 1e6:g} µm, {pattern}",
@@ -120,25 +116,10 @@ def _phase(pattern: str, shape: tuple[int, int]) -> Array:
     return cubic if pattern == "cubic" else 0 * cubic
 
 
-def _require_short(problem: ChainProblem, most_products: float) -> None:
-    """Raise UserError if the exact integral would take too long.
-
-    Its cost doesn't depend on where in the window the light arrives, so that it is known before
-    anything is planned.
-    """
-    terms = problem.build_reference(np.ones(problem.pixels.shape)).product_count
-    if not terms <= most_products:
-        raise UserError(
-            f"the exact integral of this camera is a sum of {terms:.0e} products, which takes too "
-            "long; give a larger --f-number, a larger --separation-mm, or a smaller panel."
-        )
-
-
 def build_reference(problem: ChainProblem) -> PSFReference:
-    """Return the exact light on some rows and columns of the window.
+    """Return the exact light on rows and columns of the window, drawn by an approximate PSF.
 
-    An approximate PSF decides which of them are likely to be drawn. If no method gives one, all are
-    equally likely.
+    If no method gives one, all are equally likely.
     """
     try:
         light = problem.light(problem.operator(problem.tol))
@@ -148,10 +129,7 @@ def build_reference(problem: ChainProblem) -> PSFReference:
 
 
 def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iterator[Candidate]:
-    """Yield every PSF method at every tolerance.
-
-    A method that refuses gives a row with the reason.
-    """
+    """Yield every PSF method at every tolerance."""
     problem = case.problem
 
     def build_call(operator: PSFOperator) -> Callable[[], Array]:
@@ -162,22 +140,25 @@ def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iter
     return candidates_by_tolerance(row, problem.methods, TOLERANCES, plan, build_call)
 
 
+def compare_methods(case: ChainCase, budget: Budget) -> Comparison:
+    """Return what is measured of a chain's PSF, with the exact one on some samples."""
+    reference = build_reference(case.problem)
+    truth = reference.exact_samples
+    other = replace(case.problem, wavelength=similar_wavelength(case.problem.wavelength))
+    similar = candidates(ChainCase(other, case.name), reference, budget)
+    return Comparison(list(candidates(case, reference, budget)), truth, similar)
+
+
 @single_threaded
 def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | None) -> None:
     """Measure error and time of every PSF method for a chain, and print the rows.
 
     memory: bytes that each method may use.
-    plot: file of the diagram; None for no diagram.
     """
     with terminal_progress() as progress:
         budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)), seconds=LONGEST_CALL)
         progress.report(0.1, "the exact integral")
-        reference = build_reference(case.problem)
-        truth = reference.exact_samples
+        found, truth, similar = compare_methods(case, budget)
         progress.report(0.3, "planning")
-        found = list(candidates(case, reference, budget))
-        other = replace(case.problem, wavelength=similar_wavelength(case.problem.wavelength))
-        similar = candidates(ChainCase(other, case.name), reference, budget)
-        rest = progress.part(0.3, 1.0)
-        measured = measure(found, truth, rest, warm_up=first_uses(similar))
+        measured = measure(found, truth, progress.part(0.3, 1.0), warm_up=similar)
     show_measurements("Chain", case.name, measured, as_json, plot)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
-
 from labapp.accuracy.diagram import draw
 from labapp.accuracy.peers import installed_peers
-from labapp.accuracy.psf import candidates, exact_psf
+from labapp.accuracy.psf import compare_methods
 from labapp.accuracy.regression_check import (
     LESS_ACCURATE,
     SLOWER,
@@ -19,13 +17,7 @@ from labapp.accuracy.regression_check import (
     require_comparable_rows,
     slower_rows,
 )
-from labapp.accuracy.row_output import (
-    Columns,
-    format_number,
-    print_rows,
-    write_plot,
-)
-from labapp.accuracy.warm_up import first_uses, similar_wavelength
+from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
 from labapp.accuracy.work_precision import LONGEST_CALL, MeasurementSet, Row, measure, time_calls
 from labapp.common.console import err, out, terminal_progress
 from labapp.common.speed import machine_speed
@@ -47,7 +39,6 @@ def accuracy_psf(
     """Measure error and time of every method for a lens's PSF, and print the rows.
 
     peers: whether other libraries are measured as well, through their installed adapters.
-    plot: file of the diagram; None for no diagram.
     compare: file of an earlier output of `--json`, or "bundled". The process ends with exit code 1
     if a point has become worse than the stored one.
     """
@@ -55,20 +46,24 @@ def accuracy_psf(
     adapters = installed_peers("psf") if peers else []
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
-        truth = exact_psf(case, progress.part(0.1, 0.2))
         budget = Budget(speed=speed, seconds=LONGEST_CALL)
-        found = list(candidates(case, budget))
-        similar = replace(case, wavelength=similar_wavelength(case.wavelength))
-        warm_up = first_uses(candidates(similar, budget, grids=False))
+        found, truth, similar = compare_methods(case, budget, progress.part(0.1, 0.2), grids=True)
         found += [one for adapter in adapters for one in adapter(case)]
         rest = progress.part(0.2, 0.9 if stored else 1.0)
-        measured = measure(found, truth, rest, warm_up=warm_up)
+        measured = measure(found, truth, rest, warm_up=similar)
         worse = _find_regressions(measured, stored, progress.part(0.9, 1.0)) if stored else []
     show_measurements("PSF", case.name, measured, as_json, plot)
-    if stored is not None:
-        _report_regressions(
-            worse, require_comparable_rows(measured.rows, stored), stored, err if as_json else out
-        )
+    if stored is None:
+        return
+    where, count = err if as_json else out, require_comparable_rows(measured.rows, stored)
+    for line in worse:
+        where.print(f"worse than {stored.source}: {line}")
+    if worse:
+        raise SystemExit(1)
+    where.print(
+        f"{count} points compared with {stored.source}: none became {100 * SLOWER - 100:.0f} % "
+        f"slower, relative to the calibration kernel, or {LESS_ACCURATE:g} times less accurate."
+    )
 
 
 def _find_regressions(
@@ -88,19 +83,6 @@ def _find_regressions(
             now = cpu / calibration_s_now * calibration_s
             rows[number] = replace(rows[number], cpu_s=min(now, rows[number].cpu_s or now))
     return regression_messages(rows, calibration_s, stored)
-
-
-def _report_regressions(worse: list[str], count: int, stored: StoredRows, where: Console) -> None:
-    """Print what became worse, and exit with code 1 if anything did."""
-    for line in worse:
-        where.print(f"worse than {stored.source}: {line}")
-    if worse:
-        raise SystemExit(1)
-    percent = 100 * SLOWER - 100
-    where.print(
-        f"{count} points compared with {stored.source}: none became {percent:.0f} % slower, "
-        f"relative to the calibration kernel, or {LESS_ACCURATE:g} times less accurate."
-    )
 
 
 _COLUMNS: Columns[Row] = {
@@ -133,7 +115,6 @@ def show_measurements(
     """Print rows as a table or as JSON, and draw their work-precision diagram.
 
     what, name: what was measured, and for which case.
-    plot: file of the diagram; None for no diagram.
     """
     rows, kernel = measurements.rows, measurements.calibration_s
     print_rows(f"{what}: {name}", _COLUMNS, _REMARK, rows, as_json=as_json, calibration_s=kernel)

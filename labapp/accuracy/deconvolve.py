@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,41 +13,30 @@ import torch
 
 from labapp.accuracy.blurs import Array, SimulatedPhotograph
 from labapp.accuracy.diagram import draw
+from labapp.accuracy.measuring_loop import measure_rows, time_answers
 from labapp.accuracy.peers import installed_peers
-from labapp.accuracy.row_output import (
-    Columns,
-    format_number,
-    print_rows,
-    write_plot,
-)
-from labapp.accuracy.work_precision import (
-    CALLS,
-    CUT,
-    Deadline,
-    RetimingSettings,
-    Row,
-    mark_front,
-)
+from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
+from labapp.accuracy.work_precision import CALLS, CUT, ENDLESS, Deadline, Row, relative_error
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
 from optics.inverse.choice import DEFAULT_METHOD, METHODS, restore
 from optics.inverse.method import Denoise
+from optics.inverse.observation import Observation
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_TIMING = RetimingSettings(short_s=2.0)
+_SHORT_S = 2.0
+"""Processor seconds below which a restoration is timed several times; chosen."""
 
 
 @dataclass(frozen=True)
 class DeconvolutionRow(Row):
     """Measured quality and time of a restoration method after a number of iterations.
 
-    The method estimates noise and weights by itself.
-
     error_achieved: relative L2 error of the restored picture.
-    psnr_db, ssim: PSNR in dB and SSIM over the whole frame; white is 1.
-    inside_db: PSNR in dB of the pixels that are further from the border than the PSF is large.
+    psnr_db, ssim: over the whole frame; white is 1.
+    inside_db: PSNR of the pixels that are further from the border than the PSF is large.
     """
 
     iterations: int = 0
@@ -88,7 +75,6 @@ def accuracy_deconvolve(
     """Measure quality and time of every restoration method, and print the rows.
 
     denoise: denoiser of plug-and-play methods, which are left out without one.
-    plot: file of the diagram; None for no diagram.
     """
     adapters = installed_peers("deconvolve") if peers else []
     with terminal_progress() as progress:
@@ -105,38 +91,46 @@ def measure_deconvolution(
     speed: MachineSpeed,
     progress: Progress,
     adapters: Sequence[Callable[..., Any]] = (),
-    deadline: Deadline | None = None,
+    deadline: Deadline = ENDLESS,
 ) -> list[DeconvolutionRow]:
     """Measure every restoration method after more and more iterations.
 
-    Rows that no other row beats in both time and error are marked. A method that fails gives a row,
-    too.
+    The first row is the photograph as it is.
     adapters: give the methods of other libraries, see `labapp.accuracy.peers`.
-    deadline: when measuring ends; what is left then is named as cut.
     """
-    deadline = deadline or Deadline()
-    settings = [
+    settings: list[tuple[str, int, Callable[[], Any]]] = [("as it is", 0, lambda: case.observation)]
+    settings += [
         (name, count, partial(_restore_image, case, name, count, denoise))
         for name, method in METHODS.items()
         if denoise is not None or not method.needs_denoiser
         for count in sorted(method.gains)
     ]
     settings += [one for adapter in adapters for one in adapter(case)]
-    rows = [_row(case, "as it is", 0, lambda: case.observation)]
-    for number, (name, count, solve) in enumerate(settings):
-        progress.report(number / len(settings), f"{name}, {count}")
-        if deadline.is_over:
-            rows.append(replace(_empty_row(case, name, count), failure=CUT))
-            continue
-        row = _row(case, name, count, solve)
-        if name in METHODS:
-            predicted = METHODS[name].seconds(case.problem, count, speed)
-            usual = name == DEFAULT_METHOD and count == METHODS[name].default_iterations(
-                case.problem
-            )
-            row = replace(row, cpu_predicted_s=predicted, chosen_for=CALLS[-1:] if usual else ())
-        rows.append(row)
-    return mark_front(rows)
+    empty = DeconvolutionRow("deconvolve", case.name, "", "float32", None)
+    rows = measure_rows(
+        [(replace(empty, method=name, iterations=n), solve) for name, n, solve in settings],
+        partial(_measure, case),
+        lambda row: f"{row.method}, {row.iterations}",
+        progress,
+        deadline,
+    )
+    problem = case.problem
+    return [_with_prediction(row, problem, speed) for row in rows]
+
+
+def _with_prediction(
+    row: DeconvolutionRow, problem: Observation, speed: MachineSpeed
+) -> DeconvolutionRow:
+    """Return the row of one of our methods with its expected time, the usual one marked."""
+    if row.method not in METHODS or row.failure == CUT:
+        return row
+    method = METHODS[row.method]
+    usual = row.method == DEFAULT_METHOD and row.iterations == method.default_iterations(problem)
+    return replace(
+        row,
+        cpu_predicted_s=method.seconds(problem, row.iterations, speed),
+        chosen_for=CALLS[-1:] if usual else (),
+    )
 
 
 def _restore_image(
@@ -145,28 +139,16 @@ def _restore_image(
     return restore(case.problem, None, name, count=count, denoise=denoise).image
 
 
-def _empty_row(case: SimulatedPhotograph, name: str, count: int) -> DeconvolutionRow:
-    return DeconvolutionRow("deconvolve", case.name, name, "float32", None, iterations=count)
-
-
-def _row(
-    case: SimulatedPhotograph, name: str, count: int, solve: Callable[[], torch.Tensor | Array]
+def _measure(
+    case: SimulatedPhotograph, row: DeconvolutionRow, solve: Callable[[], Any], _: Progress
 ) -> DeconvolutionRow:
-    row = _empty_row(case, name, count)
-    times, wall = list[float](), time.perf_counter()
-    try:
-        while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
-            started = time.process_time()
-            picture = np.asarray(solve(), dtype=np.float64)
-            times.append(time.process_time() - started)
-    except ValueError as error:
-        return replace(row, failure=str(error))
+    picture, cpu, wall = time_answers(lambda: np.asarray(solve(), dtype=np.float64), _SHORT_S)
     decibels, similar = case.quality(picture)
     return replace(
         row,
-        error_achieved=float(np.linalg.norm(picture - case.truth) / np.linalg.norm(case.truth)),
-        cpu_s=statistics.median(times),
-        wall_s=(time.perf_counter() - wall) / len(times),
+        error_achieved=relative_error(picture, case.truth),
+        cpu_s=cpu,
+        wall_s=wall,
         psnr_db=decibels,
         inside_db=psnr_away_from_border(case, picture),
         ssim=similar,

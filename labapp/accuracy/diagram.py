@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from itertools import chain, cycle
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from labapp.accuracy.reading import (
-    SETTINGS,
+    WANTED,
     TimeKind,
     cheapest_row,
     cheapest_sentence,
@@ -32,32 +32,27 @@ from labapp.accuracy.reading import (
 from labapp.accuracy.row_output import describe_machine
 from labapp.accuracy.work_precision import Row
 
+# All values of a diagram are chosen.
+_WIDTH = 12.0
+"""Inches of a diagram."""
 
-@dataclass(frozen=True)
-class DiagramSettings:
-    """Set how diagrams are drawn. All values are chosen.
+_MAIN_HEIGHT, _SMALL_HEIGHT = 4.6, 2.0
+"""Inches of the row of diagrams of all methods, and of a row of small ones."""
 
-    width: of a diagram, inches.
-    main_height, small_height: of the row of diagrams of all methods, and of a row of small ones,
-    inches.
-    columns: small diagrams in a row.
-    floor: errors below it are drawn at it: they are rounding.
-    near: decades within which neighbouring points of a method share one label.
-    apart: least height between two labels, over the height of a small diagram.
-    title_letters: letters of titles that fit beside each other.
-    """
+_COLUMNS = 4
+"""Small diagrams in a row."""
 
-    width: float = 12.0
-    main_height: float = 4.6
-    small_height: float = 2.0
-    columns: int = 4
-    floor: float = 1e-16
-    near: float = 0.2
-    apart: float = 0.12
-    title_letters: int = 112
+_FLOOR = 1e-16
+"""Errors below it are drawn at it: they are rounding."""
 
+_NEAR = 0.2
+"""Decades within which neighbouring points of a method share one label."""
 
-_SETTINGS = DiagramSettings()
+_APART = 0.12
+"""Least height between two labels, over the height of a small diagram."""
+
+_TITLE_LETTERS = 112
+"""Letters of titles that fit beside each other."""
 
 _COLOURS = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c564b", "#7a5fb5",
@@ -67,38 +62,28 @@ _MARKERS = "osD^vP<>Xphd8*"
 _FRONT, _STAR, _GREY = "#444444", "#c1121f", "#c9c9c9"
 
 
-@dataclass(frozen=True)
-class _Look:
+class _Look(NamedTuple):
     """Colours and markers of the methods, by name."""
 
     colour: dict[str, str]
     marker: dict[str, str]
 
-    @staticmethod
-    def of(names: Sequence[str]) -> _Look:
-        return _Look(
-            {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(names)},
-            {name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(names)},
-        )
-
 
 def draw(name: str, rows: Sequence[Row], error_name: str = "error, relative L2") -> Figure:
-    """Draw a diagram with a heading, and the failures in a sentence each under it.
-
-    error_name: what error was measured.
-    """
-    failures = [
-        line
-        for sentence in failure_sentences(rows)
-        for line in textwrap.wrap(sentence, 150, max_lines=2)
-    ]
-    figure = draw_panels(rows, error_name, heading=0.4, footing=0.35 + 0.19 * len(failures))
+    """Draw a diagram with a heading, and the failures in a sentence each under it."""
+    lines = footing_lines(rows)
+    figure = draw_panels(rows, error_name, heading=0.4, footing=0.35 + 0.19 * (len(lines) - 1))
     height = figure.get_figheight()
     # The legend stands above the room that is left for the heading.
     figure.text(0.01, 1 - 0.38 / height, textwrap.shorten(name, 150), va="top", fontsize=10)
-    lines = [*failures, f"{describe_machine()}. Processor time, one thread."]
     figure.text(0.01, 0.06 / height, "\n".join(lines), va="bottom", fontsize=8, color="#444444")
     return figure
+
+
+def footing_lines(rows: Sequence[Row]) -> list[str]:
+    """Return the lines under a diagram: failures in a sentence each, and the machine."""
+    failures = [textwrap.wrap(one, 150, max_lines=2) for one in failure_sentences(rows)]
+    return [*chain.from_iterable(failures), f"{describe_machine()}. Processor time, one thread."]
 
 
 def draw_panels(
@@ -110,16 +95,16 @@ def draw_panels(
     """
     kinds = time_kinds(rows)
     names = [name for name, _ in curves(rows, kinds[-1])]
-    columns = _SETTINGS.columns
-    lines = math.ceil(len(names) / columns) if len(names) > 1 else 0
-    heights = [_SETTINGS.main_height, *[_SETTINGS.small_height] * lines]
+    lines = math.ceil(len(names) / _COLUMNS) if len(names) > 1 else 0
+    heights = [_MAIN_HEIGHT, *[_SMALL_HEIGHT] * lines]
     total = sum(heights) + heading + footing
     room = (0, footing / total, 1, 1 - (footing + heading) / total)
     layout = ConstrainedLayoutEngine(rect=room)
-    figure = Figure(figsize=(_SETTINGS.width, total), dpi=100, layout=layout)
-    grid = figure.add_gridspec(len(heights), 2 * columns, height_ratios=heights)
+    figure = Figure(figsize=(_WIDTH, total), dpi=100, layout=layout)
+    grid = figure.add_gridspec(len(heights), 2 * _COLUMNS, height_ratios=heights)
     shown: tuple[list[Any], list[str]] = [], []
-    look, width = _Look.of(names), 2 * columns // len(kinds)
+    look = _Look(dict(zip(names, cycle(_COLOURS))), dict(zip(names, cycle(_MARKERS))))
+    width = 2 * _COLUMNS // len(kinds)
     for number, kind in enumerate(kinds):
         axes = figure.add_subplot(grid[0, number * width : (number + 1) * width])
         _draw_all(axes, rows, kind, look, error_name)
@@ -130,7 +115,7 @@ def draw_panels(
     if own:
         figure.legend(*zip(*own, strict=True), loc="outside upper left", ncols=6, fontsize=8.5)
     for number, name in enumerate(names if lines else []):
-        row, column = divmod(number, columns)
+        row, column = divmod(number, _COLUMNS)
         axes = figure.add_subplot(grid[1 + row, 2 * column : 2 * column + 2])
         _draw_one(axes, rows, kinds[-1], look, name)
     return figure
@@ -141,21 +126,15 @@ def _draw_all(
 ) -> None:
     """Draw the errors of all methods against one kind of time."""
     for name, own in curves(rows, kind):
-        axes.plot(
-            *_points(own, kind),
-            look.marker[name],
-            ms=5,
-            color=look.colour[name],
-            label=name,
-            alpha=0.85,
-        )
+        colour, marker = look.colour[name], look.marker[name]
+        axes.plot(*_points(own, kind), marker, ms=5, color=colour, label=name, alpha=0.85)
     _set_scales(axes, rows, kind)
     _draw_front(axes, rows, kind)
     _draw_choice(axes, rows, kind, look)
     _draw_star(axes, rows, kind)
     axes.set_xlabel(f"{kind.name}, processor time")
     axes.set_ylabel(f"measured {error_name}")
-    width = round(_SETTINGS.title_letters / len(time_kinds(rows)))
+    width = round(_TITLE_LETTERS / len(time_kinds(rows)))
     title = "\n".join(textwrap.wrap(cheapest_sentence(rows, kind), width))
     axes.set_title(f"★ {title}", fontsize=10, fontweight="bold", color=_STAR, loc="left")
 
@@ -163,7 +142,7 @@ def _draw_all(
 def _points(rows: Sequence[Row], kind: TimeKind) -> tuple[list[float], list[float]]:
     """Return the seconds and errors at which rows are drawn."""
     seconds = [kind.seconds(row) or 0.0 for row in rows]
-    return seconds, [max(row.error_achieved or 0.0, _SETTINGS.floor) for row in rows]
+    return seconds, [max(row.error_achieved or 0.0, _FLOOR) for row in rows]
 
 
 def _draw_front(axes: Axes, rows: Sequence[Row], kind: TimeKind) -> None:
@@ -207,7 +186,7 @@ def _draw_star(axes: Axes, rows: Sequence[Row], kind: TimeKind) -> None:
     if row is None:
         return
     seconds, errors = _points([row], kind)
-    wanted = SETTINGS.wanted if cheapest_row(rows, kind) else None
+    wanted = WANTED if cheapest_row(rows, kind) else None
     if wanted:
         axes.axhline(wanted, color=_STAR, lw=1, ls="--", zorder=0)
     label = f"cheapest for {format_error(wanted)}" if wanted else "cheapest near the best"
@@ -236,7 +215,7 @@ def _set_scales(
     low, high = min(errors), max([*errors, *asked])
     room = max(math.log10(high / low), 0.5)
     axes.set_ylim(low / 10 ** (0.14 * room), high * 10 ** (0.1 * room))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _tick_seconds(value)))
+    axes.xaxis.set_major_formatter(FuncFormatter(_tick_seconds))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: format_error(value)))
     for axis, ends in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         decades = math.log10(ends[1] / ends[0])
@@ -248,7 +227,7 @@ def _set_scales(
     axes.tick_params(labelsize=8.5)
 
 
-def _tick_seconds(seconds: float) -> str:
+def _tick_seconds(seconds: float, _: int | None) -> str:
     return f"{1e3 * seconds:g} ms" if seconds < 0.9995 else f"{seconds:g} s"
 
 
@@ -282,7 +261,7 @@ def _label_settings(
         place = seconds[group[0]], errors[group[0]]
         x, y = axes.transAxes.inverted().transform(axes.transData.transform(place))
         if last_place is not None and (
-            abs(y - last_place[1]) < _SETTINGS.apart and abs(x - last_place[0]) < 0.4
+            abs(y - last_place[1]) < _APART and abs(x - last_place[0]) < 0.4
         ):
             continue
         last_place = x, y
@@ -298,7 +277,7 @@ def _neighbours(seconds: Sequence[float], errors: Sequence[float]) -> list[list[
         if groups:
             first = groups[-1][0]
             apart = (seconds[k] / seconds[first], errors[k] / errors[first])
-            if all(abs(math.log10(ratio)) < _SETTINGS.near for ratio in apart):
+            if all(abs(math.log10(ratio)) < _NEAR for ratio in apart):
                 groups[-1].append(k)
                 continue
         groups.append([k])

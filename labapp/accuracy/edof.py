@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from labapp.accuracy import edof_design, edof_psf
 from labapp.accuracy.diagram import draw
 from labapp.accuracy.edof_case import EdofCase
 from labapp.accuracy.row_output import print_data, print_rows, write_plot
-from labapp.accuracy.work_precision import LONGEST_CALL, Row
+from labapp.accuracy.work_precision import LONGEST_CALL
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget
@@ -23,8 +22,7 @@ def accuracy_edof(
     """Measure designs for depth of field and PSFs with gradients, and print the rows.
 
     part: "design", "psf", or "all" for both.
-    most_steps: largest number of steps of a design.
-    plot: file of the diagram: of designs, or of PSFs if they alone are measured. None for none.
+    plot: file of the diagram: of designs, or of PSFs if they alone are measured.
     """
     designs, gradients = list[edof_design.DesignRow](), list[edof_psf.GradientRow]()
     with terminal_progress() as progress:
@@ -36,28 +34,17 @@ def accuracy_edof(
             share = progress.part(0.3 if part == "all" else 0.0, 1.0)
             designs = edof_design.measure_designs(case, most_steps, share)
     if as_json:
-        rows: Sequence[Row] = [*designs, *gradients]
-        print_data(rows)
-    else:
-        _print(case, designs, gradients)
+        print_data([*designs, *gradients])
+    if designs and not as_json:
+        title = f"Design for depth of field: {design_name(case)}"
+        print_rows(title, edof_design.COLUMNS, edof_design.REMARK, designs, as_json=False)
+    if gradients and not as_json:
+        title = f"PSF with gradient: {psf_name(case)}"
+        print_rows(title, edof_psf.COLUMNS, edof_psf.REMARK, gradients, as_json=False)
     if designs:
         write_plot(plot, lambda: draw(design_name(case), designs, edof_design.ERROR_NAME))
     else:
         write_plot(plot, lambda: draw(psf_name(case), gradients, edof_psf.ERROR_NAME))
-
-
-def _print(
-    case: EdofCase,
-    designs: Sequence[edof_design.DesignRow],
-    gradients: Sequence[edof_psf.GradientRow],
-) -> None:
-    """Print the tables that have rows."""
-    if designs:
-        title = f"Design for depth of field: {design_name(case)}"
-        print_rows(title, edof_design.COLUMNS, edof_design.REMARK, designs, as_json=False)
-    if gradients:
-        title = f"PSF with gradient: {psf_name(case)}"
-        print_rows(title, edof_psf.COLUMNS, edof_psf.REMARK, gradients, as_json=False)
 
 
 def design_name(case: EdofCase) -> str:

@@ -66,16 +66,10 @@ class EdofCase:
 
 
 def panel_camera(panel: str) -> Camera:
-    """Return the camera of the thesis' chapter 5 with another panel.
-
-    panel: "ROWSxCOLUMNSxMICROMETRES"; UserError for another text.
-    """
+    """Return the camera of the thesis' chapter 5 with a panel "ROWSxCOLUMNSxMICROMETRES"."""
     shape, pitch = read_panel(panel)
-    return Camera(
-        Panel(shape, pitch, unmodulated=0.0),
-        Lens(0.1, 5.6, math.inf),
-        Sensor(pitch=_PITCH),
-    )
+    lens = Lens(0.1, 5.6, math.inf)
+    return Camera(Panel(shape, pitch, unmodulated=0.0), lens, Sensor(pitch=_PITCH))
 
 
 def edof_case_from_options(
@@ -85,9 +79,6 @@ def edof_case_from_options(
 
     camera: from a file; None for that of the thesis' chapter 5.
     panel: "ROWSxCOLUMNSxMICROMETRES"; only where no file describes a panel.
-    noise: standard deviation of a pixel's noise, where white is 1.
-    size: pixels along a side of the pictures, even.
-    window: sensor pixels along a side of the PSFs.
     Raises UserError if options are wrong or contradict each other.
     """
     if camera is not None and panel is not None:

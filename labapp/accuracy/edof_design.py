@@ -6,12 +6,14 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 
 from labapp.accuracy.edof_case import EdofCase
+from labapp.accuracy.measuring_loop import measure_rows
 from labapp.accuracy.row_output import Columns, format_number
-from labapp.accuracy.work_precision import CALLS, CUT, Deadline, Row, mark_front
+from labapp.accuracy.work_precision import CALLS, ENDLESS, Deadline, Row
 from labapp.common.errors import UserError
 from optics.edof.depth_bound import known_depth_bound
 from optics.edof.dioptres import random_dioptres
@@ -50,13 +52,11 @@ ERROR_NAME = "level below the bound, dB"
 class DesignRow(Row):
     """Measured quality and time of a designed pattern after a number of steps.
 
-    error_achieved: level of the bound that no pattern can pass, with the depth known, less
-    `level_db`. A blind filter for all depths doesn't come near zero.
+    error_achieved: `bound_db`, which no pattern can pass, with the depth known, less `level_db`. A
+    blind filter for all depths doesn't come near zero.
     iterations: steps of the search.
-    level_db: expected PSNR in dB of one filter for all depths, at depths that the search didn't
-    use.
-    start_db: the same for the pattern that the search starts from.
-    bound_db: level of the bound.
+    level_db, start_db: expected PSNR of one filter for all depths, at depths that the search didn't
+    use: for the found pattern, and for that from which the search starts.
     """
 
     iterations: int = 0
@@ -83,39 +83,34 @@ REMARK = (
 
 
 def measure_designs(
-    case: EdofCase, most_steps: int, progress: Progress, deadline: Deadline | None = None
+    case: EdofCase, most_steps: int, progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[DesignRow]:
-    """Measure the level and time of designs after more and more steps.
+    """Measure the level and time of designs after more and more steps, at most `most_steps`.
 
-    Rows that no other row beats in both time and error are marked.
-    most_steps: largest number of steps.
-    deadline: when measuring ends; what is left then is named as cut.
     Raises UserError if no pattern can be designed for the camera.
     """
-    deadline = deadline or Deadline()
     try:
-        bound = _bound_level(case)
+        # The level in dB that no pattern can pass with the depth known.
+        problem, grid = case.problem("rings", "quarter"), FrequencyGrid(case.size, quarter=True)
+        limit = problem.limit(case.wavelength)
+        bound = known_depth_bound(limit, problem.spectrum_on(grid), grid.shares(), case.noise)
     except ValueError as error:
         raise UserError(f"no pattern is designed for this camera: {error}.") from error
-    rows, planned = list[DesignRow](), list(_planned_rows(case, most_steps))
-    _warm_up(case, planned[0], bound, deadline)
-    for number, (variant, row) in enumerate(planned):
-        part = progress.part(number / len(planned), (number + 1) / len(planned))
-        part.report(0.0, f"{row.method}, {row.iterations} steps")
-        if deadline.is_over:
-            rows.append(replace(row, failure=CUT))
-            continue
-        try:
-            rows.append(_measure(case, variant, replace(row, bound_db=bound), part))
-        except ValueError as error:
-            rows.append(replace(row, failure=str(error)))
-    return mark_front(rows)
+    planned, measure = list(_planned_rows(case, most_steps)), partial(_measure, case, bound)
+    if not deadline.is_over:
+        # A single step, so that what is loaded at first is in no row's time.
+        with suppress(ValueError):
+            row, variant = planned[0]
+            measure(replace(row, iterations=1), variant, Progress())
+    return measure_rows(
+        planned, measure, lambda row: f"{row.method}, {row.iterations} steps", progress, deadline
+    )
 
 
 def _planned_rows(
     case: EdofCase, most_steps: int
-) -> Iterator[tuple[tuple[str, str, int], DesignRow]]:
-    """Yield each way to design and the row that it is to fill; long searches come last."""
+) -> Iterator[tuple[DesignRow, tuple[str, str, int]]]:
+    """Yield the rows to fill, each with its way to design; long searches come last."""
     counts = [count for count in STEPS if count <= most_steps] or [most_steps]
     # Free patterns take so long that one number of steps must do.
     slow = max((one for one in counts if one <= most_steps / _SLOW_STEPS), default=counts[0])
@@ -130,32 +125,11 @@ def _planned_rows(
             row = DesignRow(
                 "edof-design", case.camera_name, words, "float32", None, iterations=count
             )
-            yield variant, replace(row, chosen_for=CALLS[-1:] if variant == _USUAL else ())
-
-
-def _warm_up(
-    case: EdofCase,
-    planned: tuple[tuple[str, str, int], DesignRow],
-    bound: float,
-    deadline: Deadline,
-) -> None:
-    """Design with a single step, so that what is loaded at first is in no row's time."""
-    variant, row = planned
-    if not deadline.is_over:
-        with suppress(ValueError):
-            _measure(case, variant, replace(row, iterations=1, bound_db=bound), Progress())
-
-
-def _bound_level(case: EdofCase) -> float:
-    """Return the level in dB that no pattern can pass with the depth known."""
-    problem = case.problem("rings", "quarter")
-    grid = FrequencyGrid(case.size, quarter=True)
-    limit = problem.limit(case.wavelength)
-    return known_depth_bound(limit, problem.spectrum_on(grid), grid.shares(), case.noise)
+            yield replace(row, chosen_for=CALLS[-1:] if variant == _USUAL else ()), variant
 
 
 def _measure(
-    case: EdofCase, variant: tuple[str, str, int], row: DesignRow, progress: Progress
+    case: EdofCase, bound: float, row: DesignRow, variant: tuple[str, str, int], progress: Progress
 ) -> DesignRow:
     """Design a pattern in one way, and measure its level and time."""
     parametrisation, start, depths = variant
@@ -183,10 +157,10 @@ def _measure(
     began = time.process_time()
     level = rate_pattern(transfer, found.phase, spectrum, case.noise, others).blind
     rating = time.process_time() - began
-    assert row.bound_db is not None
     return replace(
         row,
-        error_achieved=row.bound_db - level,
+        error_achieved=bound - level,
+        bound_db=bound,
         # The search itself rates its start and its result, at as many depths.
         cpu_s=max(spent - 2 * rating, spent / row.iterations / 10),
         wall_s=wall,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import statistics
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,10 +14,17 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.accuracy.edof_case import EdofCase
+from labapp.accuracy.measuring_loop import measure_rows, time_answers
 from labapp.accuracy.references.panel_matrices import PanelMatrices
 from labapp.accuracy.row_output import Columns, format_number
-from labapp.accuracy.warm_up import similar_wavelength
-from labapp.accuracy.work_precision import CALLS, CUT, Deadline, RetimingSettings, Row, mark_front
+from labapp.accuracy.work_precision import (
+    CALLS,
+    ENDLESS,
+    Deadline,
+    Row,
+    relative_error,
+    similar_wavelength,
+)
 from labapp.common.errors import UserError
 from optics.accuracy import Budget
 from optics.camera import Camera
@@ -51,7 +56,8 @@ _WORDS = {
     "separable": "separable, 1-D transforms",
 }
 
-_TIMING = RetimingSettings(short_s=0.4)
+_SHORT_S = 0.4
+"""Processor seconds below which a PSF or its gradient is timed several times; chosen."""
 
 _SEED = 3
 """Seed of the pattern, and of the weights of the loss whose gradient is computed."""
@@ -63,10 +69,8 @@ ERROR_NAME = "error of the PSF, relative L2"
 class GradientRow(Row):
     """Measured error and time of a PSF with its gradient, by a method at a tolerance.
 
-    error_achieved: relative L2 error of the PSF.
     gradient_error: relative L2 error of the gradient of a weighted sum of the PSF.
-    cpu_s: processor seconds of a PSF and its gradient together.
-    forward_s: processor seconds of a PSF alone.
+    cpu_s, forward_s: processor seconds of a PSF and its gradient together, and of a PSF alone.
     """
 
     gradient_error: float | None = None
@@ -95,79 +99,40 @@ REMARK = (
 
 
 def measure_gradients(
-    case: EdofCase, budget: Budget, progress: Progress, deadline: Deadline | None = None
+    case: EdofCase, budget: Budget, progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[GradientRow]:
     """Measure error and time of a PSF with its gradient, by each method at each tolerance.
 
-    Rows that no other row beats in both time and error are marked.
-    case: camera and window; the object is at the nearest distance.
-    deadline: when measuring ends; what is left then is named as cut.
-    Raises UserError if the camera's lens isn't one that all these methods serve.
+    The object is at the nearest distance. Raises UserError if the camera's lens isn't one that all
+    these methods serve.
     """
-    deadline = deadline or Deadline()
     progress.report(0.0, "the sum over the panel's pixels")
-    exact = _ExactPSF(case)
-    rows, asked = list[GradientRow](), list(product(TOLERANCES, _METHODS))
+    exact = _ExactPSF(case, budget)
     for symmetry, method in _METHODS:
         # What is loaded at first is in no row's time, and nothing that is kept serves a row.
         with suppress(ValueError, MemoryError):
             similar = similar_wavelength(case.wavelength)
-            plan = _plan(case, exact, budget, symmetry, method, TOLERANCES[0], similar)
-            plan()(exact.short_phase(symmetry))
-    for number, (tol, (symmetry, method)) in enumerate(asked):
-        words = _WORDS[method or symmetry]
-        progress.report((number + 1) / (len(asked) + 1), f"{words}, tol {tol:g}")
-        row = GradientRow("edof-psf", case.camera_name, words, "float32", tol)
-        if deadline.is_over:
-            rows.append(replace(row, failure=CUT))
-            continue
-        plan = _plan(case, exact, budget, symmetry, method, tol, case.wavelength)
-        try:
-            automatic = _plan(case, exact, budget, "none", None, tol, case.wavelength)
-            rows.append(_mark_choice(_measure(exact, symmetry, plan, row), automatic))
-        except (ValueError, MemoryError) as error:
-            rows.append(replace(row, failure=str(error)))
-    return mark_front(rows)
-
-
-def _plan(
-    case: EdofCase,
-    exact: _ExactPSF,
-    budget: Budget,
-    symmetry: str,
-    method: str | None,
-    tol: float,
-    wavelength: float,
-) -> Callable[[], PSFOperator]:
-    """Return what plans one method's PSF."""
-    return partial(
-        PSFOperator,
-        exact.camera,
-        case.nearest_distance,
-        wavelength,
-        case.pixels,
-        integrate=False,
-        unmodulated=0.0,
-        symmetry=symmetry,
-        tol=tol,
-        method=method,
-        budget=budget,
+            exact.plan(symmetry, method, TOLERANCES[0], similar)(exact.short_phase(symmetry))
+    empty = GradientRow("edof-psf", case.camera_name, "", "float32", None)
+    cases = [
+        (replace(empty, method=_WORDS[method or symmetry], tol=tol), (tol, symmetry, method))
+        for tol, (symmetry, method) in product(TOLERANCES, _METHODS)
+    ]
+    return measure_rows(
+        cases,
+        partial(_measure, exact),
+        lambda row: f"{row.method}, tol {row.tol:g}",
+        progress.part(1 / (len(cases) + 1), 1.0),
+        deadline,
+        refusals=(ValueError, MemoryError),
     )
 
 
-def _mark_choice(row: GradientRow, plan: Callable[[], PSFOperator]) -> GradientRow:
-    """Mark a row whose method is chosen for patterns of all kinds at its tolerance."""
-    try:
-        chosen = plan().account.method == row.engine
-    except (ValueError, MemoryError):
-        chosen = False
-    return replace(row, chosen_for=CALLS[-1:]) if chosen else row
-
-
 class _ExactPSF:
-    """A pattern, its exact PSF, and an exact gradient."""
+    """A pattern, its exact PSF, and an exact gradient, with what plans the methods' PSFs."""
 
-    def __init__(self, case: EdofCase) -> None:
+    def __init__(self, case: EdofCase, budget: Budget) -> None:
+        self._case, self._budget = case, budget
         try:
             self.camera: Camera = collapse_to_thin_camera(case.camera, case.nearest_distance)
         except ValueError as error:
@@ -180,6 +145,24 @@ class _ExactPSF:
         self.light = reference.light(self.phase.numpy())
         self._gradient = torch.from_numpy(
             reference.gradient(self.phase.numpy(), self.weights.numpy())
+        )
+
+    def plan(
+        self, symmetry: str, method: str | None, tol: float, wavelength: float | None = None
+    ) -> PSFOperator:
+        """Plan a method's PSF; without a method, that of the automatic choice."""
+        case = self._case
+        return PSFOperator(
+            self.camera,
+            case.nearest_distance,
+            wavelength or case.wavelength,
+            case.pixels,
+            integrate=False,
+            unmodulated=0.0,
+            symmetry=symmetry,
+            tol=tol,
+            method=method,
+            budget=self._budget,
         )
 
     def short_phase(self, symmetry: str) -> torch.Tensor:
@@ -207,12 +190,16 @@ def _draw_pattern(shape: tuple[int, int], chance: torch.Generator) -> torch.Tens
 
 
 def _measure(
-    exact: _ExactPSF, symmetry: str, plan: Callable[[], PSFOperator], row: GradientRow
+    exact: _ExactPSF, row: GradientRow, way: tuple[float, str, str | None], _: Progress
 ) -> GradientRow:
-    """Measure error and time of one method's PSF and gradient."""
+    """Measure error and time of one method's PSF and gradient, and mark the automatic choice.
+
+    It is that for patterns of all kinds at this tolerance.
+    """
+    tol, symmetry, method = way
     phase = exact.short_phase(symmetry)
     began, wall = time.process_time(), time.perf_counter()
-    operator = plan()
+    operator = exact.plan(symmetry, method, tol)
     light = operator(phase)
     first = time.process_time() - began
     weights = exact.weights.to(light)
@@ -222,32 +209,24 @@ def _measure(
         return torch.autograd.grad((operator(leaf) * weights).sum(), leaf)[0]
 
     gradient = differentiate().numpy()
-    spent = [_seconds(job) for job in (lambda: operator(phase), differentiate)]
-    account = operator.account
+    forward_s = time_answers(lambda: operator(phase), _SHORT_S)[1]
+    cpu_s = time_answers(differentiate, _SHORT_S)[1]
+    wall, account = time.perf_counter() - wall, operator.account
+    try:
+        is_chosen = exact.plan("none", None, tol).account.method == account.method
+    except (ValueError, MemoryError):
+        is_chosen = False
     return replace(
         row,
         precision=account.precision,
-        error_achieved=_relative_error(light.numpy(), exact.light),
+        error_achieved=relative_error(light.numpy(), exact.light),
         error_predicted=account.error,
-        gradient_error=_relative_error(gradient, exact.gradient(symmetry)),
-        forward_s=spent[0],
-        cpu_s=spent[1],
-        wall_s=time.perf_counter() - wall,
+        gradient_error=relative_error(gradient, exact.gradient(symmetry)),
+        forward_s=forward_s,
+        cpu_s=cpu_s,
+        wall_s=wall,
         first_answer_s=first,
         peak_bytes=account.bytes,
         engine=account.method,
+        chosen_for=CALLS[-1:] if is_chosen else (),
     )
-
-
-def _seconds(job: Callable[[], Any]) -> float:
-    """Return a job's median processor seconds."""
-    times = list[float]()
-    while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
-        began = time.process_time()
-        job()
-        times.append(time.process_time() - began)
-    return statistics.median(times)
-
-
-def _relative_error(value: Any, truth: Array) -> float:
-    return float(np.linalg.norm(value - truth) / np.linalg.norm(truth))

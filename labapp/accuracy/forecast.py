@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from labapp.accuracy.work_precision import AUTOMATIC, CALLS, LONGEST_CALL, Row, mark_front
-from optics.accuracy import Account, Budget, MachineSpeed
+from labapp.accuracy.work_precision import (
+    AUTOMATIC,
+    CALLS,
+    LONGEST_CALL,
+    Row,
+    mark_chosen,
+    mark_front,
+    with_account,
+)
+from optics.accuracy import Budget, MachineSpeed
 from optics.camera import Camera
 from optics.camera.pupil import panel_to_focus_distance
 from optics.plane import Plane
@@ -27,12 +35,10 @@ def forecast_psf(
 ) -> list[Row]:
     """Predict error and time of a camera's PSF by every method at every tolerance.
 
-    The rows' errors and times are those that accounts predict, with the front and the automatic
-    choice marked. A method that refuses gives a row with the reason.
+    Errors and times are those that accounts predict, with the front and the automatic choice
+    marked. A method that refuses gives a row with the reason.
     camera: its object is in focus.
     wavelength: in metres.
-    pixels: of the sensor, for the PSF.
-    tolerances: relative L2 errors that are asked for.
     """
     distance = panel_to_focus_distance(camera)
     methods = CHAIN_METHODS if camera.separation else PANEL_METHODS
@@ -51,32 +57,17 @@ def forecast_psf(
             except (ValueError, MemoryError) as error:
                 rows.append(replace(row, failure=str(error)))
                 continue
-            _add(rows, row, operator.account)
+            account = operator.account
+            row = replace(with_account(row, account), peak_bytes=account.bytes)
+            if method is None and mark_chosen(rows, row, CALLS[-1]):
+                continue
+            rows.append(
+                replace(
+                    row,
+                    error_achieved=account.error,
+                    cpu_s=account.cpu_predicted,
+                    first_answer_s=account.first_answer_predicted,
+                    chosen_for=() if method else CALLS[-1:],
+                )
+            )
     return mark_front(rows)
-
-
-def _add(rows: list[Row], row: Row, account: Account) -> None:
-    """Add a predicted row, or mark the row that the automatic choice is the same as."""
-    same = [
-        number
-        for number, one in enumerate(rows)
-        if not one.failure and (one.engine, one.tol) == (account.method, row.tol)
-    ]
-    if row.method == AUTOMATIC and same:
-        rows[same[0]] = replace(rows[same[0]], chosen_for=CALLS[-1:])
-        return
-    rows.append(
-        replace(
-            row,
-            precision=account.precision,
-            engine=account.method,
-            error_achieved=account.error,
-            error_predicted=account.error,
-            cpu_s=account.cpu_predicted,
-            cpu_predicted_s=account.cpu_predicted,
-            first_answer_s=account.first_answer_predicted,
-            first_answer_predicted_s=account.first_answer_predicted,
-            peak_bytes=account.bytes,
-            chosen_for=CALLS[-1:] if row.method == AUTOMATIC else (),
-        )
-    )

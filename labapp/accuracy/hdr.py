@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from labapp.accuracy.hdr_case import BracketCase
-from labapp.accuracy.hdr_diagram import draw_merges
-from labapp.accuracy.hdr_row import MergeRow
-from labapp.accuracy.opencv_merging import OPENCV_MERGES, merge_by_opencv
+from labapp.accuracy.hdr_diagram import MergeRow, draw_merges
+from labapp.accuracy.measuring_loop import measure_rows, time_answers
 from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
-from labapp.accuracy.work_precision import (
-    CALLS,
-    CUT,
-    Deadline,
-    RetimingSettings,
-    mark_front,
-)
+from labapp.accuracy.work_precision import CALLS, ENDLESS, Deadline
 from labapp.common.console import terminal_progress
 from optics import hdr
 from optics.progress import Progress
@@ -32,7 +24,8 @@ from optics.threads import single_threaded
 
 Array = NDArray[np.float64]
 
-_TIMING = RetimingSettings(short_s=1.0)
+_SHORT_S = 1.0
+"""Processor seconds below which a merge is timed several times; chosen."""
 
 _SURE = 3.0
 """Standard errors from which on a mean error counts as bias."""
@@ -40,6 +33,13 @@ _SURE = 3.0
 _FAR_OFF = 10.0
 """Relative error from which on a merge counts as failed. Chosen."""
 
+_OPENCV_MERGES: dict[str, tuple[Callable[[], Any], Callable[[], Any]]] = {
+    "Debevec": (cv2.createCalibrateDebevec, cv2.createMergeDebevec),
+    "Robertson": (cv2.createCalibrateRobertson, cv2.createMergeRobertson),
+}
+"""OpenCV's merges of exposure brackets, with what they calibrate the response curve by: Debevec and
+Malik, SIGGRAPH 1997, doi 10.1145/258734.258884; Robertson, Borman, Stevenson, ICIP 1999, doi
+10.1109/ICIP.1999.817091."""
 
 _COLUMNS: Columns[MergeRow] = {
     "exposures": lambda row: f"{row.frames}, {row.exposure_s:.3g} s",
@@ -61,10 +61,7 @@ _REMARK = (
 
 @single_threaded
 def accuracy_hdr(cases: Sequence[BracketCase], *, as_json: bool, plot: Path | None) -> None:
-    """Measure error and time of every merge of brackets, and print the rows.
-
-    plot: file of the diagram; None for no diagram.
-    """
+    """Measure error and time of every merge of brackets, and print the rows."""
     with terminal_progress() as progress:
         rows = measure_merges(cases, progress)
     name = cases_name(cases)
@@ -80,21 +77,11 @@ def cases_name(cases: Sequence[BracketCase]) -> str:
 
 
 def measure_merges(
-    cases: Sequence[BracketCase], progress: Progress, deadline: Deadline | None = None
+    cases: Sequence[BracketCase], progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[MergeRow]:
-    """Measure every merge of each bracket.
-
-    Rows that no other row beats in both time and error are marked. A merge that fails gives a row,
-    too. What is left at the deadline is named as cut.
-    """
-    deadline, rows = deadline or Deadline(), list[MergeRow]()
-    for number, case in enumerate(cases):
-        progress.report(number / len(cases), case.name)
-        rows += [
-            replace(row, failure=CUT) if deadline.is_over else _measure(case, row, merge)
-            for row, merge in _merges(case)
-        ]
-    return mark_front(rows)
+    """Measure every merge of each bracket."""
+    cases_and_merges = [(row, (case, merge)) for case in cases for row, merge in _merges(case)]
+    return measure_rows(cases_and_merges, _measure, lambda row: row.case, progress, deadline)
 
 
 Merge = Callable[[], tuple[Array, Array | None]]
@@ -108,15 +95,10 @@ def _merges(case: BracketCase) -> Iterator[tuple[MergeRow, Merge]]:
     )
     for method in hdr.METHODS:
         chosen = CALLS[-1:] if method == hdr.METHODS[-1] else ()
-        yield (
-            replace(row, method=method, chosen_for=chosen),
-            partial(_merge, case, method),
-        )
-    for name in OPENCV_MERGES:
-        yield (
-            replace(row, method=f"OpenCV {name}", precision="8 bit"),
-            partial(_merge_by_opencv, case, name),
-        )
+        yield replace(row, method=method, chosen_for=chosen), partial(_merge, case, method)
+    for name in _OPENCV_MERGES:
+        opencv = replace(row, method=f"OpenCV {name}", precision="8 bit")
+        yield opencv, partial(_merge_by_opencv, case, name)
 
 
 def _merge(case: BracketCase, method: hdr.Method) -> tuple[Array, Array | None]:
@@ -125,38 +107,46 @@ def _merge(case: BracketCase, method: hdr.Method) -> tuple[Array, Array | None]:
 
 
 def _merge_by_opencv(case: BracketCase, name: str) -> tuple[Array, Array | None]:
-    """Merge by OpenCV, with the scale that fits best."""
-    light = merge_by_opencv(case.bracket, name)
+    """Merge by OpenCV, with the scale that fits best.
+
+    It takes pictures of three colours and eight bits, which are the upper ones of the frames.
+    """
+    bracket = case.bracket
+    shift = max(bracket.sensor.bits - 8, 0)
+    frames = [
+        cv2.merge([(np.asarray(one).astype(np.uint16) >> shift).astype(np.uint8)] * 3)
+        for one in bracket.frames
+    ]
+    calibrate, merge = _OPENCV_MERGES[name]
+    times = bracket.times.astype(np.float32)
+    merged = merge().process(frames, times, calibrate().process(frames, times))
+    light = np.asarray(merged[..., 0], dtype=np.float64)
     scale = np.median(light / case.rates[:, None])
     return light / (scale if scale > 0 else 1.0), None
 
 
-def _measure(case: BracketCase, row: MergeRow, merge: Merge) -> MergeRow:
+def _measure(row: MergeRow, merging: tuple[BracketCase, Merge], _: Progress) -> MergeRow:
     """Measure a merge's error, time, efficiency and bias."""
-    times, wall = list[float](), time.perf_counter()
+    case, merge = merging
     try:
-        while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
-            started = time.process_time()
-            rates, variance = merge()
-            times.append(time.process_time() - started)
+        (rates, variance), cpu, wall = time_answers(merge, _SHORT_S)
     except (ValueError, cv2.error) as error:
-        return replace(row, failure=f"{row.method}: {' '.join(str(error).split())}")
-    wall = (time.perf_counter() - wall) / len(times)
+        raise ValueError(f"{row.method}: {' '.join(str(error).split())}") from error
     if not np.isfinite(rates).all():
-        return replace(row, failure=f"{row.method}: has light that isn't finite, of dark pixels")
+        raise ValueError(f"{row.method}: has light that isn't finite, of dark pixels")
     away = rates / case.rates[:, None] - 1
     squares, mean = (away**2).mean(axis=1), away.mean(axis=1)
     chance = _SURE * away.std(axis=1) / np.sqrt(away.shape[1])
     reached = float(np.sqrt(squares.mean()))
     if reached > _FAR_OFF:
-        return replace(row, failure=f"{row.method}: its light is far off, by {reached:.0e} times")
+        raise ValueError(f"{row.method}: its light is far off, by {reached:.0e} times")
     least = case.least_errors**2
     stated = None if variance is None else (variance / case.rates[:, None] ** 2).mean()
     return replace(
         row,
         error_achieved=reached,
         error_predicted=None if stated is None else float(np.sqrt(stated)),
-        cpu_s=statistics.median(times),
+        cpu_s=cpu,
         wall_s=wall,
         peak_bytes=sum(np.asarray(one).nbytes for one in case.bracket.frames) + rates.nbytes,
         efficiency=float(least.sum() / squares.sum()),

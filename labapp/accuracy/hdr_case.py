@@ -28,16 +28,11 @@ _BLACK = 64.0
 
 @dataclass(frozen=True)
 class BracketCase:
-    """Even light of many levels, and exposures whose times grow by one ratio.
+    """Even light of many levels, and exposures whose times in seconds grow by one ratio.
 
-    frames: number of exposures.
-    ratio: of each time to the one before.
-    shortest: seconds.
     decades: of the light.
     darks: dark frames of each exposure.
-    bits, gain, read_noise: of the sensor.
     pixels: of each level.
-    seed: of the noise.
     """
 
     frames: int

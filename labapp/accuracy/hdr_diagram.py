@@ -1,21 +1,40 @@
-"""Draws the error of merges of exposure brackets by the exposures and by the time they take."""
+"""What a merge of an exposure bracket reached: its row, and the diagram of many."""
 
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from labapp.accuracy.hdr_row import ERROR_NAME, MergeRow
-from labapp.accuracy.reading import failure_sentences
-from labapp.accuracy.row_output import describe_machine
+from labapp.accuracy.diagram import footing_lines
+from labapp.accuracy.work_precision import Row
 
-_LETTERS = 150
-"""Letters of a line under the diagram."""
+ERROR_NAME = "error of the light, relative"
+
+
+@dataclass(frozen=True)
+class MergeRow(Row):
+    """Measured error and time of a merge.
+
+    error_achieved: root mean square of relative errors over all levels of light.
+    error_predicted: the same as the merge states it.
+    frames: number of exposures.
+    exposure_s: sum of the exposure times, seconds.
+    efficiency, least_efficiency: least variance of any unbiased estimate (Cramér and Rao) over the
+    mean squared error: of the sums over all levels, and at the level where it's least.
+    bias: largest mean relative error of a level that isn't chance; 0 if all may be.
+    """
+
+    frames: int = 0
+    exposure_s: float = 0.0
+    efficiency: float | None = None
+    least_efficiency: float | None = None
+    bias: float | None = None
+
 
 _MARKERS = "osD^vP"
 
@@ -23,15 +42,9 @@ _MARKERS = "osD^vP"
 def draw_merges(name: str, rows: Sequence[MergeRow]) -> Figure:
     """Draw merges' errors: by exposures, with what is possible, and by time.
 
-    name: the brackets in words.
     Merges that fail are named in sentences under the diagram.
     """
-    failures = [
-        line
-        for sentence in failure_sentences(rows)
-        for line in textwrap.wrap(sentence, _LETTERS, max_lines=2)
-    ]
-    lines = [*failures, f"{describe_machine()}. Processor time, one thread."]
+    lines = footing_lines(rows)
     footing, height = 0.2 + 0.19 * len(lines), 5.0
     low = footing / (height + footing)
     layout = ConstrainedLayoutEngine(rect=(0, low, 1, 1 - low))
@@ -78,7 +91,6 @@ def _draw_by_exposures(axes: Axes, rows: Sequence[MergeRow]) -> None:
 
 
 def _draw_by_time(axes: Axes, rows: Sequence[MergeRow]) -> None:
-    """Draw errors by processor time."""
     for own, mark in zip(_methods(rows).values(), _MARKERS, strict=False):
         milliseconds = [1e3 * (row.cpu_s or 0.0) for row in own]
         axes.plot(milliseconds, _errors(own), f"{mark}-", alpha=0.85)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,22 +11,17 @@ from typing import Any
 import numpy as np
 
 from labapp.accuracy.diagram import draw
+from labapp.accuracy.measuring_loop import measure_rows, time_answers
 from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
 from labapp.accuracy.spectral_case import SpectralCase
-from labapp.accuracy.work_precision import (
-    CALLS,
-    CUT,
-    Deadline,
-    RetimingSettings,
-    Row,
-    mark_front,
-)
+from labapp.accuracy.work_precision import CALLS, CUT, ENDLESS, Deadline, Row, relative_error
 from labapp.common.console import print_message, terminal_progress
 from optics.multispectral import restore_by_published_objective, restore_spectra
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_TIMING = RetimingSettings(short_s=2.0)
+_SHORT_S = 2.0
+"""Processor seconds below which a restoration is timed several times; chosen."""
 
 _COUNTS = (10, 20, 50, 100, 200)
 _PUBLISHED_COUNTS = (30, 100, 300)
@@ -49,8 +42,7 @@ class MultispectralRow(Row):
     """Measured quality and time of restored spectral bands after a number of iterations.
 
     error_achieved: relative L2 error of all bands.
-    iterations: largest number of iterations.
-    psnr_db, least_db: mean PSNR of the bands in dB, and that of the worst band; white is 1.
+    psnr_db, least_db: mean PSNR of the bands, and that of the worst band; white is 1.
     """
 
     iterations: int = 0
@@ -77,10 +69,7 @@ _REMARK = (
 
 @single_threaded
 def accuracy_multispectral(case: SpectralCase, *, as_json: bool, plot: Path | None) -> None:
-    """Measure quality and time of restorations of spectral bands, and print the rows.
-
-    plot: file of the diagram; None for no diagram.
-    """
+    """Measure quality and time of restorations of spectral bands, and print the rows."""
     with terminal_progress() as progress:
         rows = measure_multispectral(case, progress)
     for note in () if as_json else case.notes:
@@ -90,28 +79,24 @@ def accuracy_multispectral(case: SpectralCase, *, as_json: bool, plot: Path | No
 
 
 def measure_multispectral(
-    case: SpectralCase, progress: Progress, deadline: Deadline | None = None
+    case: SpectralCase, progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[MultispectralRow]:
-    """Measure restored spectral bands after more and more iterations.
-
-    Rows that no other row beats in both time and error are marked. What is left at the deadline is
-    named as cut.
-    """
-    deadline = deadline or Deadline()
-    settings = _settings(case)
-    rows = list[MultispectralRow]()
-    for number, (name, count, solve) in enumerate(settings):
-        progress.report(number / len(settings), f"{name}, {count}")
-        empty = MultispectralRow(
-            "multispectral", case.name, name, "float32", None, iterations=count
-        )
-        if deadline.is_over:
-            rows.append(replace(empty, failure=CUT))
-            continue
-        row = _measure(case, empty, solve)
-        usual = name == _ADAPTS and count == _USUAL_COUNT
-        rows.append(replace(row, chosen_for=CALLS[-1:] if usual else ()))
-    return mark_front(rows)
+    """Measure restored spectral bands after more and more iterations."""
+    empty = MultispectralRow("multispectral", case.name, "", "float32", None)
+    rows = measure_rows(
+        [(replace(empty, method=name, iterations=n), solve) for name, n, solve in _settings(case)],
+        partial(_measure, case),
+        lambda row: f"{row.method}, {row.iterations}",
+        progress,
+        deadline,
+    )
+    usual = (_ADAPTS, _USUAL_COUNT)
+    return [
+        replace(row, chosen_for=CALLS[-1:])
+        if (row.method, row.iterations) == usual and row.failure != CUT
+        else row
+        for row in rows
+    ]
 
 
 def _settings(case: SpectralCase) -> list[tuple[str, int, Callable[[], Any]]]:
@@ -134,24 +119,16 @@ def _settings(case: SpectralCase) -> list[tuple[str, int, Callable[[], Any]]]:
 
 
 def _measure(
-    case: SpectralCase, row: MultispectralRow, solve: Callable[[], Any]
+    case: SpectralCase, row: MultispectralRow, solve: Callable[[], Any], _: Progress
 ) -> MultispectralRow:
     """Measure error and time of one restoration."""
-    times, wall = list[float](), time.perf_counter()
-    try:
-        while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
-            started = time.process_time()
-            bands = np.asarray(solve().image, dtype=np.float64)
-            times.append(time.process_time() - started)
-    except ValueError as error:
-        return replace(row, failure=str(error))
-    truth = case.snapshot.truth
+    bands, cpu, wall = time_answers(lambda: np.asarray(solve().image, np.float64), _SHORT_S)
     levels = case.snapshot.band_levels(bands)
     return replace(
         row,
-        error_achieved=float(np.linalg.norm(bands - truth) / np.linalg.norm(truth)),
-        cpu_s=statistics.median(times),
-        wall_s=(time.perf_counter() - wall) / len(times),
+        error_achieved=relative_error(bands, case.snapshot.truth),
+        cpu_s=cpu,
+        wall_s=wall,
         psnr_db=float(np.mean(levels)),
         least_db=min(levels),
     )

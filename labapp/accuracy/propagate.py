@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from labapp.accuracy.command import show_measurements
 from labapp.accuracy.option_validation import require_propagation
@@ -27,14 +25,15 @@ from labapp.accuracy.references.free_space import (
     exact_field,
     product_count,
 )
-from labapp.accuracy.references.samples import draw_samples
-from labapp.accuracy.warm_up import first_uses, similar_wavelength
+from labapp.accuracy.references.psf_problem import draw_samples
 from labapp.accuracy.work_precision import (
     LONGEST_CALL,
     Candidate,
+    Comparison,
     Row,
     candidates_by_tolerance,
     measure,
+    similar_wavelength,
 )
 from labapp.common.console import terminal_progress
 from labapp.common.errors import UserError
@@ -47,32 +46,22 @@ from optics.threads import single_threaded
 TOLERANCES = tuple(10.0**-k for k in range(1, 9))
 
 
-@dataclass(frozen=True)
-class FreeSpaceComparisonSettings:
-    """Limit what is computed to compare methods for free space.
+_MAX_METHOD_S = 2.0
+"""Predicted processor seconds beyond which a method isn't tried; chosen."""
 
-    max_method_s: predicted processor time of a method, in seconds, beyond which it isn't tried.
-    Chosen.
-    max_samples, min_samples: most and fewest samples of the target that are compared. Chosen.
-    max_products: values of the propagation kernel that the exact field may take; beyond that fewer
-    samples are compared. Chosen.
-    """
+_MIN_SAMPLES, _MAX_SAMPLES = 8, 64
+"""Fewest and most samples of the target that are compared; chosen."""
 
-    max_method_s: float = 2.0
-    max_samples: int = 64
-    min_samples: int = 8
-    max_products: float = 3e7
-
-
-_SETTINGS = FreeSpaceComparisonSettings()
+_MAX_PRODUCTS = 3e7
+"""Values of the propagation kernel that the exact field may take; beyond that fewer samples are
+compared. Chosen."""
 
 
 @dataclass(frozen=True)
 class FieldCase:
     """A field on a source plane, and the target plane on which it is to be computed.
 
-    distance: in metres; a negative one goes back.
-    wavelength: in metres.
+    distance, wavelength: metres; a negative distance goes back.
     paraxial: selects the Fresnel model instead of the scalar one.
     """
 
@@ -133,13 +122,15 @@ def field_case_from_options(
 
     light: "smooth" for three Gaussians that the samples resolve, two of them tilted; "cells" for
     squares of constant field with random phases, as an SLM shows them.
-    source, target: planes from which and to which the field propagates.
-    distance, wavelength: metres; a negative distance goes back.
-    paraxial: whether the Fresnel model is meant instead of the scalar one.
     Raises UserError for an unknown kind of field, or values that are impossible.
     """
     require_propagation(light, distance, wavelength)
-    field = smooth_light(source) if light == "smooth" else random_cells(source)
+    field: Light
+    if light == "smooth":
+        field = smooth_light(source)
+    else:
+        phase = np.random.default_rng(0).uniform(0, 2 * np.pi, source.shape)
+        field = CellLight(source, np.exp(1j * phase))
     return FieldCase(light, field, target, distance, wavelength, paraxial)
 
 
@@ -164,32 +155,28 @@ def smooth_light(plane: Plane) -> SmoothLight:
     return SmoothLight(plane, gaussians)
 
 
-def random_cells(plane: Plane) -> CellLight:
-    """Return a discontinuous field: square cells with random phases, one for each sample.
-
-    The field is constant in each cell.
-    """
-    phase = np.random.default_rng(0).uniform(0, 2 * np.pi, plane.shape)
-    return CellLight(plane, np.exp(1j * phase))
-
-
 class FieldReference:
     """The exact field on some samples of the target, as weighted real numbers.
 
-    Half of the samples are drawn in proportion to their light and half evenly. They are weighted
-    such that relative L2 errors estimate those of the whole target.
+    Half of the samples are drawn in proportion to their light, as far as a method tells where it
+    arrives, and half evenly. They are weighted such that relative L2 errors estimate those of the
+    whole target.
     """
 
     def __init__(self, case: FieldCase) -> None:
-        light = np.abs(_rough_field(case)) ** 2
-        count = _SETTINGS.max_samples
+        try:
+            rough = np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
+        except ValueError:
+            rough = np.ones(case.target.shape, dtype=np.complex128)
+        light = np.abs(rough) ** 2
+        count = _MAX_SAMPLES
+        y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
         while True:
             self._where, self._weight = draw_samples(np.random.default_rng(0), light, count)
-            places = _places(case, self._where)
-            if (
-                count <= _SETTINGS.min_samples
-                or _product_count(case, places) <= _SETTINGS.max_products
-            ):
+            rows, columns = np.divmod(self._where, case.target.shape[1])
+            places = Places(y[rows], x[columns], case.distance, case.wavelength)
+            products = product_count(case.field, places, paraxial=case.paraxial)
+            if count <= _MIN_SAMPLES or products <= _MAX_PRODUCTS:
                 break
             count //= 2
         self.exact_samples = self.weighted_samples(
@@ -197,10 +184,7 @@ class FieldReference:
         )
 
     def samples_of(self, answer: Any) -> Real:
-        """Return a method's field where it is compared, weighted as by `weighted_samples`.
-
-        answer: field on the whole target, a tensor or an array.
-        """
+        """Return a method's field, of the whole target, where it is compared, with weights."""
         values = answer.reshape(-1)[self._where]
         return self.weighted_samples(
             np.asarray(values.resolve_conj() if torch.is_tensor(values) else values)
@@ -212,31 +196,17 @@ class FieldReference:
         return np.stack([weighed.real, weighed.imag])
 
 
-def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
-    """Return the positions of samples of the target. where: their flat indices."""
-    rows, columns = np.divmod(where, case.target.shape[1])
-    y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
-    return Places(y[rows], x[columns], case.distance, case.wavelength)
-
-
-def _product_count(case: FieldCase, places: Places) -> float:
-    """Estimate how many products the exact field takes."""
-    return product_count(case.field, places, paraxial=case.paraxial)
-
-
-def _rough_field(case: FieldCase) -> Complex:
-    """Estimate where on the target the light arrives; 1 everywhere if no method can."""
-    try:
-        return np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
-    except ValueError:
-        return np.ones(case.target.shape, dtype=np.complex128)
-
-
 def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> Iterator[Candidate]:
-    """Yield every free-space method at every tolerance.
+    """Yield every free-space method at every tolerance."""
 
-    A method that refuses gives a row with the reason.
-    """
+    def plan(*, tol: float, method: str | None, calls: int) -> FreeSpace:
+        operator = case.operator(tol, method=method, calls=calls, budget=budget)
+        predicted = operator.account.cpu_predicted
+        if predicted > _MAX_METHOD_S:
+            raise ValueError(
+                f"the {operator.method} takes {predicted:.0f} s, and {_MAX_METHOD_S:g} s are tried"
+            )
+        return operator
 
     def build_call(operator: FreeSpace) -> Callable[[], Real]:
         field = case.samples
@@ -245,22 +215,21 @@ def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> It
         return lambda: reference.samples_of(operator(field))
 
     row = Row("propagate", case.name, "", "float64", None)
-    return candidates_by_tolerance(
-        row, METHODS, TOLERANCES, partial(_plan_within_time_limit, case, budget), build_call
-    )
+    return candidates_by_tolerance(row, METHODS, TOLERANCES, plan, build_call)
 
 
-def _plan_within_time_limit(
-    case: FieldCase, budget: Budget, *, tol: float, method: str | None, calls: int
-) -> FreeSpace:
-    operator = case.operator(tol, method=method, calls=calls, budget=budget)
-    predicted = operator.account.cpu_predicted
-    if predicted > _SETTINGS.max_method_s:
-        raise ValueError(
-            f"the {operator.method} takes {predicted:.0f} s, and {_SETTINGS.max_method_s:g} s are "
-            "tried"
-        )
-    return operator
+def compare_methods(
+    case: FieldCase, budget: Budget, adapters: Sequence[Callable[..., Any]] = ()
+) -> Comparison:
+    """Return what is measured of a field, with the exact one on some samples.
+
+    adapters: to other libraries, see `labapp.accuracy.peers`.
+    """
+    reference = FieldReference(case)
+    found = list(candidates(case, reference, budget))
+    found += [one for adapter in adapters for one in adapter(case, reference.samples_of)]
+    similar = replace(case, wavelength=similar_wavelength(case.wavelength))
+    return Comparison(found, reference.exact_samples, candidates(similar, reference, budget))
 
 
 @single_threaded
@@ -268,16 +237,10 @@ def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Pat
     """Measure error and time of every free-space method, and print the rows.
 
     peers: whether other libraries are measured as well.
-    plot: file of the diagram; None for no diagram.
     """
     adapters = installed_peers("propagate") if peers else []
     with terminal_progress() as progress:
         budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)), seconds=LONGEST_CALL)
-        reference = FieldReference(case)
-        found = list(candidates(case, reference, budget))
-        found += [one for adapter in adapters for one in adapter(case, reference.samples_of)]
-        similar = replace(case, wavelength=similar_wavelength(case.wavelength))
-        warm_up = first_uses(candidates(similar, reference, budget))
-        rest = progress.part(0.2, 1.0)
-        measured = measure(found, reference.exact_samples, rest, warm_up=warm_up)
+        found, truth, similar = compare_methods(case, budget, adapters)
+        measured = measure(found, truth, progress.part(0.2, 1.0), warm_up=similar)
     show_measurements("Free space", case.name, measured, as_json, plot)

@@ -13,9 +13,11 @@ from labapp.accuracy.references.lens_integral import lens_psf
 from labapp.accuracy.references.round_lens import Picture, round_lens_psf
 from labapp.accuracy.work_precision import (
     Candidate,
+    Comparison,
     PlannedCall,
     Row,
     candidates_by_tolerance,
+    similar_wavelength,
 )
 from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Budget
@@ -43,48 +45,40 @@ def exact_psf(case: LensCase, progress: Progress) -> Picture:
     return lens_psf(case.lens, case.distance, case.wavelength, case.pixels, progress)
 
 
+def compare_methods(
+    case: LensCase, budget: Budget, progress: Progress, *, grids: bool
+) -> Comparison:
+    """Return what is measured of a lens's PSF, with the exact one."""
+    truth = exact_psf(case, progress)
+    similar = replace(case, wavelength=similar_wavelength(case.wavelength))
+    found = list(candidates(case, budget, grids=grids))
+    return Comparison(found, truth, candidates(similar, budget, grids=False))
+
+
 def candidates(case: LensCase, budget: Budget, *, grids: bool = True) -> Iterator[Candidate]:
     """Yield the settings of the PSF of a lens, method by method.
 
     Methods that take a tolerance come once for each tolerance. Sampling the pupil on a square
     grid comes once for each grid size, precision and Fourier transform, if `grids` is true.
     """
+    plan = partial(
+        PSFOperator, case.lens, case.distance, case.wavelength, case.pixels, integrate=False,
+        budget=budget,
+    )  # fmt: skip
     row = Row("psf", case.name, "", "float64", None)
-    found = candidates_by_tolerance(
-        row, _METHODS, _TOLERANCES, partial(_operator, case, budget), lambda operator: operator
-    )
+    found = candidates_by_tolerance(row, _METHODS, _TOLERANCES, plan, lambda operator: operator)
     for one in found:
         words = _METHODS.get(one.row.method, one.row.method)
         yield replace(one, row=replace(one.row, method=words))
     for grid in _GRIDS if grids else ():
+        pitch = case.lens.stop_diameter / (grid - 2)
+        scale = case.wavelength * case.lens.image_distance
+        geometry = FourierGeometry(Plane((grid, grid), (pitch, pitch)), case.pixels, scale)
         for precision, dtype in _PRECISIONS.items():
-            geometry = _grid_geometry(case, grid)
             for transform in valid_transforms(geometry, dtype, 1e-6):
                 words = f"{grid}² grid, {transform.name}"
                 row = Row("psf", case.name, words, precision, None)
                 yield Candidate(row, partial(_on_grid, case, geometry, dtype, transform.name))
-
-
-def _operator(
-    case: LensCase, budget: Budget, *, tol: float, method: str | None, calls: int
-) -> PSFOperator:
-    return PSFOperator(
-        case.lens,
-        case.distance,
-        case.wavelength,
-        case.pixels,
-        integrate=False,
-        tol=tol,
-        method=method,
-        calls=calls,
-        budget=budget,
-    )
-
-
-def _grid_geometry(case: LensCase, grid: int) -> FourierGeometry:
-    pitch = case.lens.stop_diameter / (grid - 2)
-    scale = case.wavelength * case.lens.image_distance
-    return FourierGeometry(Plane((grid, grid), (pitch, pitch)), case.pixels, scale)
 
 
 def _on_grid(

@@ -9,30 +9,19 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from labapp.accuracy.work_precision import AUTOMATIC, CUT, Row
-from labapp.common.time_text import format_short_time
+from labapp.common.stopwatch import format_short_time
 
+WANTED = 1e-3
+"""Error for which the cheapest setting is named; chosen: the default tolerance of a PSF."""
 
-@dataclass(frozen=True)
-class ReadingSettings:
-    """Set what diagrams and pages point out.
+_NEAR_BEST = 1.1
+"""Where no setting reaches it, the cheapest is named whose error is at most so many times the
+least. Chosen."""
 
-    wanted: error for which the cheapest setting is named. Chosen: the default tolerance of a PSF.
-    near_best: where no setting reaches it, the cheapest one is named whose error is at most so many
-    times the least. Chosen.
-    same_time: times whose ratio is at most this are called the same in words. Measured: the first
-    answers of one setting scatter by about a tenth.
-    tie: of settings whose times have at most this ratio to the least one, the automatic choice
-    counts as the cheapest, or else the one of the largest tolerance. Measured: the first answers of
-    one setting scatter by about a tenth.
-    """
-
-    wanted: float = 1e-3
-    near_best: float = 1.1
-    same_time: float = 1.1
-    tie: float = 1.1
-
-
-SETTINGS = ReadingSettings()
+_SAME_TIME = 1.1
+"""Times whose ratio is at most this count as the same: of such settings the automatic choice is the
+cheapest, or else the one of the largest tolerance. Measured: the first answers of one setting
+scatter by about a tenth."""
 
 _GRID = re.compile(r"(\d+²) grid, ")
 """Grid size in the name of a method; it is the setting of a method without a tolerance."""
@@ -44,15 +33,16 @@ _COMMON_WORDS = ("pupil", "gray edge")
 
 @dataclass(frozen=True)
 class TimeKind:
-    """A time by which rows are compared: its name, its value, and its marks.
-
-    calls: number of calls for which the automatic choice is made.
-    """
+    """A time by which rows are compared, and the number of calls of its automatic choice."""
 
     name: str
     seconds: Callable[[Row], float | None]
     is_on_front: Callable[[Row], bool]
     calls: int
+
+    @property
+    def short_name(self) -> str:
+        return self.name.partition(":")[0]
 
 
 FIRST_ANSWER = TimeKind(
@@ -72,10 +62,10 @@ def time_kinds(rows: Sequence[Row]) -> list[TimeKind]:
 
 
 def curve_name(row: Row) -> str:
-    """Return the name of the curve to which a row belongs.
+    """Return the name of the curve to which a row belongs: its method.
 
-    The name is the row's method. If the row's setting is the size of a grid, the name leaves out
-    this size and common words, and adds the precision.
+    If its setting is the size of a grid, this and common words are left out, and the precision is
+    added.
     """
     if row.tol is not None or hasattr(row, "iterations"):
         return row.engine if row.method == AUTOMATIC else row.method
@@ -94,13 +84,12 @@ def setting_name(row: Row) -> str:
     return f"{found[1]} grid" if found else ""
 
 
-def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float | None = None) -> Row | None:
+def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float = WANTED) -> Row | None:
     """Return the row of least time whose measured error is at most `wanted`, or None.
 
     Of rows that take the same time but for scatter, the automatic choice for this very tolerance
     is preferred, then other automatic choices, then the quickest.
     """
-    wanted = SETTINGS.wanted if wanted is None else wanted
     fitting = [
         (seconds, row)
         for row in rows
@@ -110,7 +99,7 @@ def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float | None = Non
     ]
     if not fitting:
         return None
-    longest = SETTINGS.tie * min(seconds for seconds, _ in fitting)
+    longest = _SAME_TIME * min(seconds for seconds, _ in fitting)
 
     def rank(one: tuple[float, Row]) -> tuple[bool, bool, float, float]:
         seconds, row = one
@@ -121,16 +110,12 @@ def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float | None = Non
 
 
 def highlighted_row(rows: Sequence[Row], kind: TimeKind) -> Row | None:
-    """Return the row that a diagram's star marks.
-
-    It is the cheapest row that reaches the wanted error. If there is none, it is the cheapest one
-    that comes near the least error.
-    """
+    """Return the row of a diagram's star: the cheapest of the wanted error, or near the least."""
     found = cheapest_row(rows, kind)
     if found is not None:
         return found
     errors = [row.error_achieved for row in rows if row.error_achieved and kind.seconds(row)]
-    return cheapest_row(rows, kind, SETTINGS.near_best * min(errors)) if errors else None
+    return cheapest_row(rows, kind, _NEAR_BEST * min(errors)) if errors else None
 
 
 def cheapest_sentence(rows: Sequence[Row], kind: TimeKind) -> str:
@@ -138,12 +123,12 @@ def cheapest_sentence(rows: Sequence[Row], kind: TimeKind) -> str:
     row = highlighted_row(rows, kind)
     if row is None:
         return "Nothing was measured."
-    wanted = format_error(SETTINGS.wanted)
+    wanted = format_error(WANTED)
     words = describe_setting(row, kind)
     if cheapest_row(rows, kind) is not None:
         return f"Cheapest for {wanted}: {words}"
     best = min(one.error_achieved or math.inf for one in rows)
-    near = f"{100 * SETTINGS.near_best - 100:.0f} %"
+    near = f"{100 * _NEAR_BEST - 100:.0f} %"
     return (
         f"None reaches {wanted} (best {format_error(best)}). Cheapest within {near} of it: {words}"
     )
@@ -160,7 +145,7 @@ def describe_setting(row: Row, kind: TimeKind) -> str:
 def choice_sentence(rows: Sequence[Row]) -> str:
     """Say what the automatic choice takes if the wanted error is asked for; empty without one."""
     for row in chosen_rows(rows, EACH_CALL):
-        if row.tol == SETTINGS.wanted:
+        if row.tol == WANTED:
             first = format_seconds(row.first_answer_s)
             return (
                 f"If you ask for {format_error(row.tol)}, {curve_name(row)} is chosen: {first} for "
@@ -176,37 +161,25 @@ def chosen_rows(rows: Sequence[Row], kind: TimeKind) -> list[Row]:
 
 
 def next_decimal_sentences(rows: Sequence[Row], kind: TimeKind) -> list[str]:
-    """Say what each further decimal costs, by the automatic choice.
+    """Say what each further decimal costs, by the automatic choice; nothing without tolerances.
 
-    Decimals that cost next to nothing are joined. Without tolerances there are no decimals to ask
-    for, and the list is empty.
+    Decimals that cost next to nothing are joined.
     """
     chosen = [row for row in chosen_rows(rows, kind) if row.tol is not None and kind.seconds(row)]
-    steps: list[tuple[float, float, str]] = []
+    steps, same = list[tuple[float, float, str]](), "about the same time"
     for before, after in pairwise(chosen):
-        words = _ratio_words((kind.seconds(after) or 0) / (kind.seconds(before) or 1))
-        if steps and words == steps[-1][2] == _SAME:
-            steps[-1] = (steps[-1][0], after.tol or 0, _SAME)
+        ratio = (kind.seconds(after) or 0) / (kind.seconds(before) or 1)
+        is_same = 1 / _SAME_TIME <= ratio <= _SAME_TIME
+        words = same if is_same else f"{ratio:.2g} times the time"
+        if steps and words == steps[-1][2] == same:
+            steps[-1] = (steps[-1][0], after.tol or 0, same)
         else:
             steps.append((before.tol or 0, after.tol or 0, words))
     return [f"from {format_error(a)} to {format_error(b)}: {words}" for a, b, words in steps]
 
 
-_SAME = "about the same time"
-
-
-def _ratio_words(ratio: float) -> str:
-    """Return a ratio of two times in words, without claiming what scatters."""
-    if 1 / SETTINGS.same_time <= ratio <= SETTINGS.same_time:
-        return _SAME
-    return f"{ratio:.2g} times the time"
-
-
 def failure_sentences(rows: Sequence[Row]) -> list[str]:
-    """Say in a sentence for each reason which methods refuse, and why.
-
-    Reasons that differ only in numbers are one.
-    """
+    """Say for each reason which methods refuse; reasons that differ only in numbers are one."""
     reasons: dict[str, list[Row]] = {}
     for row in rows:
         if row.failure:
@@ -215,27 +188,22 @@ def failure_sentences(rows: Sequence[Row]) -> list[str]:
 
 
 def _failure_sentence(rows: list[Row]) -> str:
-    names = list(dict.fromkeys(curve_name(row) for row in rows))
-    verb = "is" if len(names) == 1 else "are"
+    *most, last = dict.fromkeys(curve_name(row) for row in rows)
+    names = f"{', '.join(most)} and {last}" if most else last
     if rows[0].failure == CUT:
-        return f"{_join_names(names)} {verb} {CUT}{_settings_of(rows)}."
-    verb = "gives no answer" if len(names) == 1 else "give no answer"
+        return f"{names} {'are' if most else 'is'} {CUT}{_settings_of(rows)}."
+    verb = "give no answer" if most else "gives no answer"
     # The tolerance that could be kept is named by the first refusal, the largest tolerance.
-    return f"{_join_names(names)} {verb}{_settings_of(rows)}: {rows[0].failure}."
+    return f"{names} {verb}{_settings_of(rows)}: {rows[0].failure}."
 
 
 def _settings_of(rows: list[Row]) -> str:
     """Name the tolerances of rows that fail for one reason; "" if they have none."""
-    tolerances = sorted({row.tol for row in rows if row.tol is not None}, reverse=True)
+    tolerances = [row.tol for row in rows if row.tol is not None]
     if not tolerances:
         return ""
-    first, last = format_error(tolerances[0]), format_error(tolerances[-1])
+    first, last = format_error(max(tolerances)), format_error(min(tolerances))
     return f" (tol {first})" if first == last else f" (tol {first} to {last})"
-
-
-def _join_names(names: Sequence[str]) -> str:
-    *most, last = names
-    return f"{', '.join(most)} and {last}" if most else last
 
 
 def curves(rows: Sequence[Row], kind: TimeKind) -> Iterator[tuple[str, list[Row]]]:

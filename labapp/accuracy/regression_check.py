@@ -20,11 +20,7 @@ _Key = tuple[str, str, str, str, float | None]
 
 @dataclass(frozen=True)
 class StoredRows:
-    """Rows of an earlier measurement.
-
-    calibration_s: processor time of its calibration kernel in seconds.
-    source: the file that the rows were read from.
-    """
+    """Rows of an earlier measurement, the seconds of its calibration kernel, and their file."""
 
     rows: dict[_Key, dict[str, Any]]
     calibration_s: float
@@ -55,16 +51,14 @@ def _key(row: dict[str, Any]) -> _Key:
 
 
 def slower_rows(rows: Sequence[Row], calibration_s: float, stored: StoredRows) -> list[int]:
-    """Return the indices of rows that became slower than the stored ones.
-
-    Times are compared as multiples of the time of the calibration kernel.
-    """
+    """Return the indices of rows that became slower than the stored ones."""
     return [
         number for number, row in enumerate(rows) if _slowdown(row, calibration_s, stored) > SLOWER
     ]
 
 
 def _slowdown(row: Row, calibration_s: float, stored: StoredRows) -> float:
+    """Return a row's time over the stored one, both in calibration kernels; 0 without one."""
     before = stored.rows.get(_key(vars(row)), {}).get("cpu_s")
     if row.cpu_s is None or not before:
         return 0.0

@@ -4,27 +4,17 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import torch
 
 from labapp.accuracy.diagram import draw
-from labapp.accuracy.row_output import (
-    Columns,
-    format_number,
-    print_rows,
-    write_plot,
-)
-from labapp.accuracy.work_precision import (
-    CALLS,
-    CUT,
-    Deadline,
-    RetimingSettings,
-    Row,
-    mark_front,
-)
+from labapp.accuracy.measuring_loop import measure_rows
+from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
+from labapp.accuracy.work_precision import CALLS, ENDLESS, Deadline, Row
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
@@ -40,16 +30,15 @@ from optics.retrieval.methods import quick_method
 from optics.threads import single_threaded
 
 _ITERATIONS = (3, 10, 30, 100, 300)
-_TIMING = RetimingSettings(short_s=0.5)
+_SHORT_S, _REPEATS = 0.5, 3
+"""Processor seconds below which a retrieval is timed several times, and how often; chosen."""
 
 
 @dataclass(frozen=True)
 class RetrievalRow(Row):
     """Measured quality and time of a phase retrieval method after a number of iterations.
 
-    error_achieved: NRMSE between PSF and target.
-    tol: None, because retrieval has no exact answer.
-    frames: of the video.
+    error_achieved: NRMSE between PSF and target; there is no exact answer.
     efficiency, contrast: those of `optics.metrics`.
     """
 
@@ -106,13 +95,13 @@ def accuracy_retrieval(
 
     name: the target in words.
     budget: processor seconds that one setting may take.
-    plot: file of the diagram; None for no diagram.
     """
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))
-    print_rows(f"Retrieval: {_case(name, rows)}", _COLUMNS, _REMARK, rows, as_json=as_json)
-    write_plot(plot, lambda: draw(_case(name, rows), rows, ERROR_NAME))
+    words = f"{name}, {frames} {'frame' if frames == 1 else 'frames'}"
+    print_rows(f"Retrieval: {words}", _COLUMNS, _REMARK, rows, as_json=as_json)
+    write_plot(plot, lambda: draw(words, rows, ERROR_NAME))
 
 
 def measure_retrieval(
@@ -122,40 +111,41 @@ def measure_retrieval(
     budget: float,
     speed: MachineSpeed,
     progress: Progress,
-    deadline: Deadline | None = None,
+    deadline: Deadline = ENDLESS,
 ) -> list[RetrievalRow]:
-    """Measure every phase retrieval method that can give so many frames.
+    """Measure phase retrieval methods that can give so many frames, after more and more iterations.
 
-    Each method is measured after more and more iterations. Rows that no other row beats in both
-    time and error are marked. A method that refuses the target gives a row with the reason.
     budget: processor seconds that one setting may take.
-    deadline: when measuring ends; what is left then is named as cut.
     """
-    deadline = deadline or Deadline()
     # This call computes stop, target and FFT plans, so that no method's time includes them.
     _retrieve_once(goal, frames, "published", 1)
-    settings = list(_settings(goal, frames, budget, speed))
-    rows = []
-    for number, (method, iterations) in enumerate(settings):
-        progress.report(number / len(settings), f"{method}, {iterations} iterations")
-        row = _empty_row(goal, name, frames, method, iterations)
-        cut = deadline.is_over
-        rows.append(replace(row, failure=CUT) if cut else _measure_method(goal, row))
-    return mark_front(rows)
+    return measure_rows(
+        [(row, goal) for row in _empty_rows(goal, name, frames, budget, speed)],
+        _measure,
+        lambda row: f"{row.method}, {row.iterations} iterations",
+        progress,
+        deadline,
+    )
 
 
-def _settings(
-    goal: RetrievalGoal, frames: int, budget: float, speed: MachineSpeed
-) -> Iterator[tuple[str, int]]:
-    """Yield methods and numbers of iterations within the time budget, each method at least once."""
+def _empty_rows(
+    goal: RetrievalGoal, name: str, frames: int, budget: float, speed: MachineSpeed
+) -> Iterator[RetrievalRow]:
+    """Yield the rows to measure within the time budget, the default one marked.
+
+    Each method has one at least.
+    """
     slow = goal.camera.panel.response_time > 0
-    for name, method in METHODS.items():
-        if not method.serves(frames) or (name == "responding" and not slow):
+    default = "responding" if slow and frames > 1 else quick_method(frames)
+    for method, engine in METHODS.items():
+        if not engine.serves(frames) or (method == "responding" and not slow):
             continue
         for iterations in _ITERATIONS:
-            predicted = method.seconds(goal, frames, iterations, speed)
+            predicted = engine.seconds(goal, frames, iterations, speed)
             if iterations == _ITERATIONS[0] or predicted <= budget:
-                yield name, iterations
+                row = RetrievalRow("retrieval", name, method, "float32", None)
+                marks = CALLS[-1:] if (method, iterations) == (default, 100) else ()
+                yield replace(row, frames=frames, iterations=iterations, chosen_for=marks)
 
 
 def _retrieve_once(
@@ -173,42 +163,19 @@ def _retrieve_once(
     )
 
 
-def _empty_row(
-    goal: RetrievalGoal, name: str, frames: int, method: str, iterations: int
-) -> RetrievalRow:
-    """Return the row of a retrieval that isn't measured yet, the default one marked."""
-    slow = frames > 1 and goal.camera.panel.response_time > 0
-    usual = method == ("responding" if slow else quick_method(frames)) and iterations == 100
-    row = RetrievalRow("retrieval", name, method, "float32", None)
-    marks = CALLS[-1:] if usual else ()
-    return replace(row, frames=frames, iterations=iterations, chosen_for=marks)
-
-
-def _measure_method(goal: RetrievalGoal, row: RetrievalRow) -> RetrievalRow:
-    frames, method, iterations = row.frames, row.method, row.iterations
+def _measure(row: RetrievalRow, goal: RetrievalGoal, _: Progress) -> RetrievalRow:
+    retrieve_again = partial(_retrieve_once, goal, row.frames, row.method, row.iterations)
     started = time.perf_counter()
-    try:
-        found = _retrieve_once(goal, frames, method, iterations)
-    except ValueError as error:
-        return replace(row, failure=str(error))
+    found = retrieve_again()
     wall, times = time.perf_counter() - started, [found.cpu_seconds]
-    if found.cpu_seconds < _TIMING.short_s:
-        times += [
-            _retrieve_once(goal, frames, method, iterations).cpu_seconds
-            for _ in range(_TIMING.repeats - 1)
-        ]
-    quality = found.quality
+    if found.cpu_seconds < _SHORT_S:
+        times += [retrieve_again().cpu_seconds for _ in range(_REPEATS - 1)]
     return replace(
         row,
-        error_achieved=quality.nrmse,
-        efficiency=quality.efficiency,
-        contrast=quality.contrast,
+        error_achieved=found.quality.nrmse,
+        efficiency=found.quality.efficiency,
+        contrast=found.quality.contrast,
         cpu_s=statistics.median(times),
         wall_s=wall,
         peak_bytes=found.phases.numel() * found.phases.element_size(),
     )
-
-
-def _case(name: str, rows: Sequence[RetrievalRow]) -> str:
-    frames = rows[0].frames
-    return f"{name}, {frames} {'frame' if frames == 1 else 'frames'}"

@@ -20,19 +20,14 @@ from labapp.files.writing import write_atomically
 R = TypeVar("R")
 
 Columns = Mapping[str, Callable[[R], str]]
-"""Functions that format a row's cell, by the heading of its column.
-
-A heading that ends in a blank belongs to a column of numbers.
-"""
+"""Functions that format a row's cell, by the heading of its column, which ends in a blank where the
+column holds numbers."""
 
 
 def print_rows(
     title: str, columns: Columns[R], remark: str, rows: Sequence[R], *, as_json: bool, **more: float
 ) -> None:
-    """Print rows as a table, with the reasons of failures, or as JSON.
-
-    more: further numbers that only the JSON holds.
-    """
+    """Print rows as a table with the reasons of failures, or as JSON, which also holds `more`."""
     if as_json:
         print_data(rows, **more)
         return
@@ -50,16 +45,16 @@ def format_number(value: float | None, form: str, scale: float = 1.0) -> str:
 
 
 def print_data(rows: Sequence[Any], **more: float) -> None:
-    """Print rows, which are dataclasses, as JSON with the machine and further numbers.
-
-    JSON has no infinity, so that a number that isn't finite becomes null.
-    """
-    told = [{name: _finite(value) for name, value in asdict(row).items()} for row in rows]
-    print_json({"machine": describe_machine(), **more, "rows": told})
+    """Print rows, which are dataclasses, as JSON with the machine and further numbers."""
+    print_json({"machine": describe_machine(), **more, "rows": [row_data(row) for row in rows]})
 
 
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def row_data(row: Any) -> dict[str, Any]:
+    """Return a row, a dataclass, as plain data; JSON has no infinity, which becomes null."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in asdict(row).items()
+    }
 
 
 def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:

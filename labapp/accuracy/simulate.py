@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from labapp.accuracy.row_output import Columns, print_rows
-from labapp.accuracy.work_precision import Deadline
+from labapp.accuracy.work_precision import ENDLESS, Deadline
 from labapp.common.console import terminal_progress
 from labapp.prediction.simulating.all_effects import (
     Deviation,
@@ -30,14 +30,13 @@ TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3)
 class SimulationRow:
     """Measured cost and error of one simulated picture.
 
-    tol: tolerance of the effect plan; None for all effects at their finest.
-    told: error bound of the effect plan.
+    tol, told: of the effect plan: its tolerance, None for all effects at their finest, and its
+    error bound.
     mean, variance, sigma: relative L2 errors of the mean picture, the variance and the standard
     deviation, against all effects at their finest.
     work: counted operations.
-    cpu_s, deciding_s: processor time in seconds of the whole, and of the effect plan alone.
-    left_out: number of effects that are off or coarser than their finest.
-    caused: number of effects that were decided about.
+    cpu_s, deciding_s: processor seconds of the whole, and of the effect plan alone.
+    left_out, caused: effects that are off or coarser than their finest, of those decided about.
     """
 
     tol: float | None
@@ -84,29 +83,30 @@ def accuracy_simulate(request: PictureRequest, *, as_json: bool) -> None:
     tolerance.
     """
     with terminal_progress() as progress:
-        s = _situation(request, progress.part(0.0, 0.1))
+        s = prepare_situation(request, progress.part(0.0, 0.1))
         found = measure_tolerances(s, progress.part(0.1, 1.0))
     print_rows(describe_situation(s), _COLUMNS, _REMARK, found, as_json=as_json)
     if not all(row.is_within_tolerance for row in found):
         raise SystemExit(1)
 
 
-def _situation(request: PictureRequest, progress: Progress) -> Situation:
+def prepare_situation(request: PictureRequest, progress: Progress) -> Situation:
+    """Return what is simulated: with the request's bench, or the bundled one with few pixels."""
     if request.bench is not None:
-        with prepare_scene(request, progress) as staged:
-            return staged.situation
-    with prepare_bench_scene(small_bench_setup(request.scene), request, progress) as staged:
+        scene = prepare_scene(request, progress)
+    else:
+        scene = prepare_bench_scene(small_bench_setup(request.scene), request, progress)
+    with scene as staged:
         return staged.situation
 
 
 def measure_tolerances(
-    s: Situation, progress: Progress, deadline: Deadline | None = None
+    s: Situation, progress: Progress, deadline: Deadline = ENDLESS
 ) -> list[SimulationRow]:
     """Return a row of a simulated picture at each tolerance, the largest first.
 
     The last row is for all effects at their finest. Tolerances left at the deadline are left out.
     """
-    deadline = deadline or Deadline()
     share = 1 / (len(TOLERANCES) + 1)
     progress.report(0.0, "everything on")
     truth = render_all_effects(s, progress.raise_if_cancelled)

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.accuracy.spectral_names import require_psf_name
+from labapp.accuracy.option_validation import require_psf_name
 from labapp.common.errors import UserError
-from labapp.files.cubes import SpectralCube, read_cube
+from labapp.files.cubes import read_cube
 from labapp.spectral.computed_snapshot import (
     ComputedSnapshot,
     bundled_mosaic,
@@ -39,10 +39,8 @@ _DOTS = 8
 
 @dataclass(frozen=True, eq=False)
 class SpectralCase:
-    """A simulated coded snapshot of a known spectral cube.
+    """A simulated coded snapshot of a known spectral cube, and its name in words.
 
-    name: scene, PSFs, noise and size in words.
-    snapshot: the snapshot with the true cube.
     spectra: typical spectra, (samples, bands).
     notes: remarks for the user on how the cube's file was read.
     """
@@ -59,10 +57,7 @@ def spectral_case_from_options(
     """Simulate the snapshot that the options of `labapp accuracy multispectral` describe.
 
     cube: file of a spectral cube in shares of white; None for a ColorChecker in six bands.
-    psf: shape of the PSFs.
-    noise: standard deviation of a pixel, relative to white; 0 or more.
     size: largest side in pixels; larger cubes are cut to their middle.
-    seed: of the noise.
     Raises UserError if the shape is unknown, or the cube can't be restored.
     """
     require_psf_name(psf)
@@ -72,10 +67,16 @@ def spectral_case_from_options(
     else:
         read = read_cube(cube)
         wavelengths, notes = read.wavelengths, read.notes
-        truth = np.asarray(read.values[_middle(read, size)], dtype=np.float64)
+        rows, columns = (
+            slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in read.shape[1:]
+        )
+        truth = np.asarray(read.values[:, rows, columns], dtype=np.float64)
         _require_light(cube, truth)
     radius = min(_LARGEST_RADIUS, _RADIUS_SHARE * min(truth.shape[1:]))
-    psfs = _MAKERS[psf](_plane(radius), wavelengths, radius).numpy()
+    side = 2 * round(radius + 5) + 1
+    plane = Plane((side, side), (1.0, 1.0))
+    reach = ring_positions(_DOTS, radius) if psf == "dots" else radius
+    psfs = _MAKERS[psf](plane, wavelengths, reach, unmodulated=_PEAK).numpy()
     try:
         snapshot = compute_snapshot(
             truth, psfs, bundled_mosaic(), wavelengths, noise=noise, seed=seed
@@ -88,42 +89,12 @@ def spectral_case_from_options(
     return SpectralCase(words, snapshot, spectra, notes)
 
 
-def _ring(plane: Plane, wavelengths: tuple[float, ...], radius: float) -> torch.Tensor:
-    return ring_psfs(plane, wavelengths, radius, unmodulated=_PEAK)
-
-
-def _spiral(plane: Plane, wavelengths: tuple[float, ...], radius: float) -> torch.Tensor:
-    return spiral_psfs(plane, wavelengths, radius, unmodulated=_PEAK)
-
-
-def _dots(plane: Plane, wavelengths: tuple[float, ...], radius: float) -> torch.Tensor:
-    return dot_psfs(plane, wavelengths, ring_positions(_DOTS, radius), unmodulated=_PEAK)
-
-
-def _linear(plane: Plane, wavelengths: tuple[float, ...], radius: float) -> torch.Tensor:
-    return linear_dispersion_psfs(plane, wavelengths, radius, unmodulated=_PEAK)
-
-
-_MAKERS: dict[str, Callable[[Plane, tuple[float, ...], float], torch.Tensor]] = {
-    "ring": _ring,
-    "spiral": _spiral,
-    "dots": _dots,
-    "linear dispersion": _linear,
+_MAKERS: dict[str, Callable[..., torch.Tensor]] = {
+    "ring": ring_psfs,
+    "spiral": spiral_psfs,
+    "dots": dot_psfs,
+    "linear dispersion": linear_dispersion_psfs,
 }
-
-
-def _plane(radius: float) -> Plane:
-    """Return the pixels around the axis that hold PSFs of a radius in pixels."""
-    side = 2 * round(radius + 5) + 1
-    return Plane((side, side), (1.0, 1.0))
-
-
-def _middle(cube: SpectralCube, size: int) -> tuple[slice, slice, slice]:
-    """Return where a cube's middle lies, of at most `size` pixels along a side."""
-    rows, columns = (
-        slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in cube.shape[1:]
-    )
-    return slice(None), rows, columns
 
 
 def _require_light(cube: Path, truth: NDArray[np.float64]) -> None:

@@ -10,11 +10,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import scipy.fft
 
-from labapp.accuracy.calibration_kernel import CalibrationKernel
 from optics.accuracy import Account
 from optics.progress import Progress
 from optics.propagation.free_space_operator import FreeSpace
@@ -27,36 +27,19 @@ minutes. Chosen."""
 Operator = TypeVar("Operator", PSFOperator, FreeSpace)
 
 
-@dataclass(frozen=True)
-class CallTimingSettings:
-    """Tune how the time of a call is measured.
+_REPEATS = 5
+"""Measurements of each call, of which the median counts; chosen."""
 
-    repeats: measurements of each call, of which the median counts. Chosen.
-    least_s: least processor time of a measurement in seconds; short calls are repeated until they
-    add up to it. Chosen so that the steps of the clock don't matter.
-    first_answers_s: processor time in seconds up to which first answers are repeated, as often as
-    calls at most: single ones of some milliseconds scatter by a factor of two. Chosen.
-    """
+_LEAST_S = 0.02
+"""Processor seconds of a measurement, to which short calls add up; chosen so that the steps of the
+clock don't matter."""
 
-    repeats: int = 5
-    least_s: float = 0.02
-    first_answers_s: float = 0.15
+_FIRST_ANSWERS_S = 0.15
+"""Processor seconds up to which first answers are repeated, as often as calls at most: single ones
+of some milliseconds scatter by a factor of two. Chosen."""
 
-
-@dataclass(frozen=True)
-class RetimingSettings:
-    """Tune how often a slow method is timed.
-
-    short_s: processor time in seconds below which a method is timed `repeats` times; a slower one
-    is timed once. Chosen.
-    repeats: measurements of a short method, of which the median counts. Chosen.
-    """
-
-    short_s: float
-    repeats: int = 3
-
-
-_TIMING = CallTimingSettings()
+_LOOSE = 5e-3
+"""Tolerances above it are used to warm up; chosen, because strict ones may take long."""
 
 
 @dataclass(frozen=True)
@@ -101,12 +84,9 @@ class Row:
 
 @dataclass(frozen=True)
 class PlannedCall:
-    """A method that is ready to be measured.
+    """A method that is ready to be measured: its call, and the bytes of its largest arrays.
 
-    call: gives the answer.
-    bytes: size of its largest arrays.
-    account: tells afterwards what the method says of its error and its time; None for a method that
-    says nothing.
+    account: tells afterwards what the method says of its error and time, if it says anything.
     """
 
     call: Callable[[], Any]
@@ -119,8 +99,8 @@ class Candidate:
     """A row to be measured.
 
     plan: makes the call ready, and raises ValueError if it can't.
-    calls: 0 for a named method. For the automatic choice it is the number of calls that the choice
-    is made for: it is measured only if no row of a named method is the same.
+    calls: that the automatic choice is made for, which is measured only if no row of a named method
+    is the same; 0 for a named method.
     """
 
     row: Row
@@ -131,6 +111,14 @@ class Candidate:
 def raise_refusal(error: Exception) -> PlannedCall:
     """Raise the error of an earlier planning, so that its message becomes the row's failure."""
     raise error
+
+
+class Comparison(NamedTuple):
+    """What `measure` takes of a case: its candidates, the exact answer, and a similar case's."""
+
+    candidates: list[Candidate]
+    truth: np.ndarray
+    warm_up: Iterable[Candidate]
 
 
 AUTOMATIC = "automatic choice"
@@ -150,37 +138,34 @@ def candidates_by_tolerance(
     """Yield every method at every tolerance, and then the automatic choices.
 
     case: row that names operation and case.
-    tolerances: relative L2 errors to request.
     plan: returns an operator for the arguments `tol`, `method` and `calls`, or raises ValueError.
     Without a method, the choice is automatic.
     build_call: returns, for an operator, the call that is timed.
     """
+
+    def plan_call(tol: float, method: str | None, calls: int) -> PlannedCall:
+        operator = plan(tol=tol, method=method, calls=calls)
+        size = operator.account.bytes
+        return PlannedCall(build_call(operator), size, lambda: operator.account)
+
     for method, tol in product(methods, tolerances):
         row = replace(case, method=method, tol=tol)
-        yield Candidate(row, partial(_plan_call, plan, build_call, tol, method, CALLS[-1]))
+        yield Candidate(row, partial(plan_call, tol, method, CALLS[-1]))
     for calls, tol in product(CALLS, tolerances):
         row = replace(case, method=AUTOMATIC, tol=tol)
-        yield Candidate(row, partial(_plan_call, plan, build_call, tol, None, calls), calls)
+        yield Candidate(row, partial(plan_call, tol, None, calls), calls)
 
 
-def _plan_call(
-    plan: Callable[..., Operator],
-    build_call: Callable[[Operator], Callable[[], Any]],
-    tol: float,
-    method: str | None,
-    calls: int,
-) -> PlannedCall:
-    operator = plan(tol=tol, method=method, calls=calls)
-    account = operator.account
-    return PlannedCall(build_call(operator), account.bytes, lambda: operator.account)
+def similar_wavelength(wavelength: float) -> float:
+    """Return a nearby wavelength: methods do the same for it, but nothing kept serves both."""
+    return wavelength * (1 + 1e-4)
 
 
 @dataclass
 class MeasurementSet:
-    """Measured rows with the front marked.
+    """Measured rows with the front marked, and their timed calls by the index of the row.
 
-    calls: the timed calls by the index of their row.
-    calibration_s: processor time of the calibration kernel in seconds.
+    calibration_s: processor seconds of the calibration kernel.
     """
 
     rows: list[Row]
@@ -188,12 +173,9 @@ class MeasurementSet:
     calibration_s: float
 
 
-@dataclass
+@dataclass(frozen=True)
 class Deadline:
-    """The time by which measuring ends: whatever is left is cut.
-
-    until: a value of `time.monotonic()`; there is no limit by default.
-    """
+    """The time by which measuring ends, by `time.monotonic()`: whatever is left is cut."""
 
     until: float = math.inf
 
@@ -214,10 +196,10 @@ class Deadline:
         return Deadline(now + part * (self.until - now))
 
 
+ENDLESS = Deadline()
+
 CUT = "not measured: the time for this operation was used up"
 """Failure of a row that was cut."""
-
-Calls = dict[int, Callable[[], Any]]
 
 
 def measure(
@@ -225,22 +207,21 @@ def measure(
     truth: np.ndarray,
     progress: Progress,
     *,
-    warm_up: Sequence[Candidate] = (),
-    deadline: Deadline | None = None,
+    warm_up: Iterable[Candidate] = (),
+    deadline: Deadline = ENDLESS,
 ) -> MeasurementSet:
-    """Measure error and time of each candidate.
+    """Measure error and time of each candidate; one that fails gives a row, too.
 
-    A candidate that fails gives a row, too. Calls take turns, so that a busy moment of the machine
-    affects all of them alike.
-    candidates: automatic choices among them mark the row of the method that they chose, or are
-    measured themselves if no named method has the same row.
+    Calls take turns, so that a busy moment of the machine affects all of them alike. Automatic
+    choices mark the row of the method that they chose, or are measured if there is none.
     truth: the exact answer.
-    warm_up: similar cases, which are computed beforehand: what a library does at its first use in a
-    process is in no row's time.
+    warm_up: of a similar case, for which nothing is cached. Those of loose tolerances are computed
+    beforehand: what a library does at its first use in a process is in no row's time.
     deadline: when measuring ends; rows that are left then are named as cut.
     """
-    deadline = deadline or Deadline()
     for candidate in warm_up:
+        if candidate.row.tol is None or candidate.row.tol <= _LOOSE:
+            continue
         with suppress(ValueError, MemoryError):
             candidate.plan().call()
     rows, calls = _answer_once(candidates, truth, progress.part(0.0, 0.5), deadline.share(0.6))
@@ -252,10 +233,9 @@ def measure(
 
 def _answer_once(
     candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress, deadline: Deadline
-) -> tuple[list[Row], Calls]:
+) -> tuple[list[Row], dict[int, Callable[[], Any]]]:
     """Return rows with error and time of each candidate's first answer, and the calls to time."""
-    rows: list[Row] = []
-    calls: Calls = {}
+    rows, calls = list[Row](), dict[int, Callable[[], Any]]()
     for number, candidate in enumerate(candidates):
         progress.report(number / len(candidates), f"planning {candidate.row.method}")
         if deadline.is_over:
@@ -264,8 +244,8 @@ def _answer_once(
         began = time.process_time()
         try:
             planned = candidate.plan()
-            row = _with_account(candidate.row, planned)
-            if candidate.calls and _mark_chosen(rows, row, candidate.calls):
+            row = _describe_planned(candidate.row, planned)
+            if candidate.calls and mark_chosen(rows, row, candidate.calls):
                 continue
             value = np.asarray(planned.call(), dtype=np.float64)
         except (ValueError, MemoryError) as error:
@@ -273,17 +253,21 @@ def _answer_once(
             rows += [] if candidate.calls else [replace(candidate.row, failure=str(error))]
             continue
         spent = _first_answer_seconds(candidate, time.process_time() - began, deadline)
-        chosen = (candidate.calls,) if candidate.calls else ()
         calls[len(rows)] = planned.call
         rows.append(
             replace(
-                _with_account(row, planned),
-                error_achieved=float(np.linalg.norm(value - truth) / np.linalg.norm(truth)),
+                _describe_planned(row, planned),
+                error_achieved=relative_error(value, truth),
                 first_answer_s=spent,
-                chosen_for=chosen,
+                chosen_for=(candidate.calls,) if candidate.calls else (),
             )
         )
     return rows, calls
+
+
+def relative_error(value: Any, truth: np.ndarray) -> float:
+    """Return an answer's relative L2 error."""
+    return float(np.linalg.norm(value - truth) / np.linalg.norm(truth))
 
 
 def _first_answer_seconds(candidate: Candidate, first: float, deadline: Deadline) -> float:
@@ -292,23 +276,21 @@ def _first_answer_seconds(candidate: Candidate, first: float, deadline: Deadline
     first: seconds of the one that was computed already. Each is planned anew.
     """
     found = [first]
-    while (
-        len(found) < _TIMING.repeats
-        and sum(found) < _TIMING.first_answers_s
-        and not deadline.is_over
-    ):
+    while len(found) < _REPEATS and sum(found) < _FIRST_ANSWERS_S and not deadline.is_over:
         began = time.process_time()
         candidate.plan().call()
         found.append(time.process_time() - began)
     return statistics.median(found)
 
 
-def _with_account(row: Row, planned: PlannedCall) -> Row:
+def _describe_planned(row: Row, planned: PlannedCall) -> Row:
     """Return a row with what a planned method says of itself now."""
     row = replace(row, peak_bytes=planned.bytes)
-    if planned.account is None:
-        return row
-    account = planned.account()
+    return row if planned.account is None else with_account(row, planned.account())
+
+
+def with_account(row: Row, account: Account) -> Row:
+    """Return a row with what a method's account predicts."""
     return replace(
         row,
         engine=account.method,
@@ -319,7 +301,7 @@ def _with_account(row: Row, planned: PlannedCall) -> Row:
     )
 
 
-def _mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
+def mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
     """Mark the row that the automatic choice is the same as; tell whether there is one."""
     for number, row in enumerate(rows):
         if not row.failure and (row.engine, row.tol) == (choice.engine, choice.tol):
@@ -329,20 +311,18 @@ def _mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
 
 
 def time_calls(
-    calls: Mapping[int, Callable[[], Any]], progress: Progress, deadline: Deadline | None = None
+    calls: Mapping[int, Callable[[], Any]], progress: Progress, deadline: Deadline = ENDLESS
 ) -> tuple[dict[int, tuple[float, float]], float]:
-    """Return median processor and wall-clock seconds of each call, by its index.
+    """Return median processor and wall-clock seconds of each call, and those of the kernel.
 
-    The second value is the median processor time of the calibration kernel in seconds. Each call
-    is timed at least once, and no more after the deadline.
+    The kernel's are processor seconds. Each call is timed once, and no more after the deadline.
     """
-    jobs: dict[int, Callable[[], Any]] = {-1: CalibrationKernel(), **calls}
+    jobs: dict[int, Callable[[], Any]] = {-1: _calibration_kernel(), **calls}
     times: dict[int, list[tuple[float, float]]] = {index: [] for index in jobs}
-    repeats, deadline = _TIMING.repeats, deadline or Deadline()
-    for repeat in range(repeats):
+    for repeat in range(_REPEATS):
         for number, (index, call) in enumerate(jobs.items()):
-            done = (repeat + number / len(jobs)) / repeats
-            progress.report(done, f"timing, {repeat + 1} of {repeats}")
+            done = (repeat + number / len(jobs)) / _REPEATS
+            progress.report(done, f"timing, {repeat + 1} of {_REPEATS}")
             if not (repeat and deadline.is_over):
                 times[index].append(_time_call(call))
     medians: dict[int, tuple[float, float]] = {}
@@ -352,18 +332,26 @@ def time_calls(
     return medians, medians.pop(-1)[0]
 
 
-def _time_call(call: Callable[[], Any]) -> tuple[float, float]:
-    """Return average processor and wall-clock seconds of a call.
+def _calibration_kernel() -> Callable[[], Any]:
+    """Return fixed work of about 10 ms: what the methods consist of, to tell the machine's speed.
 
-    The call is repeated until it has used enough processor time.
+    Times of different days or machines are compared as multiples of its time.
     """
-    least_s = _TIMING.least_s
+    rng, side = np.random.default_rng(0), 512
+    real, imaginary = rng.normal(size=(side, side)), rng.normal(size=(side, side))
+    matrix = (real + 1j * imaginary).astype(np.complex64)
+    values, places = rng.normal(size=side**2), rng.integers(0, side**2, side**2)
+    return lambda: (matrix @ matrix, scipy.fft.fft2(matrix), values[places].sum())
+
+
+def _time_call(call: Callable[[], Any]) -> tuple[float, float]:
+    """Return average processor and wall-clock seconds of a call, which is repeated if short."""
     count, cpu, wall = 0, time.process_time(), time.perf_counter()
     while True:
         call()
         count += 1
         spent = time.process_time() - cpu
-        if spent >= least_s:
+        if spent >= _LEAST_S:
             return spent / count, (time.perf_counter() - wall) / count
 
 
@@ -375,28 +363,20 @@ def mark_front(rows: Sequence[R]) -> list[R]:
 
     There are two fronts, by the time of a call and by the time of the first answer.
     """
-    per_call = _front(rows, [row.cpu_s for row in rows])
-    first = _front(rows, [row.first_answer_s for row in rows])
+
+    def front(times: Sequence[float | None]) -> list[bool]:
+        points = [
+            tuple(math.inf if one is None else one for one in (seconds, row.error_achieved))
+            for row, seconds in zip(rows, times, strict=True)
+        ]
+        return [
+            not (row.failure or math.isinf(s) or any(t < s and e < error for t, e in points))
+            for row, (s, error) in zip(rows, points, strict=True)
+        ]
+
+    per_call = front([row.cpu_s for row in rows])
+    first = front([row.first_answer_s for row in rows])
     return [
         replace(row, on_front=on, on_first_front=on_first)
         for row, on, on_first in zip(rows, per_call, first, strict=True)
     ]
-
-
-def _front(rows: Sequence[Row], times: Sequence[float | None]) -> list[bool]:
-    """Tell which rows no other row beats in both error and one kind of time."""
-    points = [
-        (_number(time), _number(row.error_achieved)) for row, time in zip(rows, times, strict=True)
-    ]
-
-    def is_beaten(seconds: float, error: float) -> bool:
-        return any(s < seconds and e < error for s, e in points)
-
-    return [
-        not row.failure and math.isfinite(seconds) and not is_beaten(seconds, error)
-        for row, (seconds, error) in zip(rows, points, strict=True)
-    ]
-
-
-def _number(value: float | None) -> float:
-    return math.inf if value is None else value

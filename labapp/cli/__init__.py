@@ -28,9 +28,8 @@ from labapp.common.command_end import (
     print_owed_document,
     unsafe_devices,
 )
-from labapp.common.library_memory import guard_library_memory, reserved_memory
+from labapp.common.memory_shortage import explain_shortage, guard_library_memory, reserved_memory
 from labapp.common.memory import collect_garbage_rarely, keep_freed_memory
-from labapp.common.memory_shortage import explain_shortage
 
 # isort: on
 

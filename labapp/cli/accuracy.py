@@ -67,7 +67,7 @@ def accuracy_(
 
     folder = accuracy_folder(out, force=force)
     use_one_thread()
-    from labapp.accuracy.overview.command import accuracy_page
+    from labapp.accuracy.overview.measuring import accuracy_page
 
     accuracy_page(camera, folder, as_json=json)
 
@@ -372,7 +372,7 @@ def accuracy_deconvolve_(
 
     **labapp accuracy deconvolve --blur "Gaussian of 1.5" --size 128**
     """
-    from labapp.accuracy.blur_names import require_blur
+    from labapp.accuracy.option_validation import require_blur
 
     require_blur(blur, border)
     rows = get_option_group(context, RowsOutputOptions)
@@ -423,7 +423,7 @@ def accuracy_multispectral_(
 
     **labapp accuracy multispectral --psf dots --size 128**
     """
-    from labapp.accuracy.spectral_names import require_psf_name
+    from labapp.accuracy.option_validation import require_psf_name
 
     require_psf_name(psf)
     rows = get_option_group(context, RowsOutputOptions)

@@ -7,11 +7,7 @@ from types import ModuleType
 
 
 def colour_library() -> ModuleType:
-    """Import colour-science, which takes a second.
-
-    The library hides warnings of others for the whole process when it is imported. That is undone
-    here.
-    """
+    """Import colour-science, which takes a second, and would hide all warnings of the process."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import colour

@@ -26,7 +26,6 @@ class _Command:
     """What is known of the running command when it ends.
 
     owes_document: whether --json asks for a document that hasn't been printed.
-    was_interrupted: whether Ctrl-C was pressed.
     unsafe_devices: why devices of a bench couldn't be made safe.
     """
 

@@ -22,9 +22,9 @@ from optics.progress import Progress
 
 
 class PlainConsole(Console):
-    """A terminal on which every text is shown as it is, without markup, emoji codes and controls.
+    """A terminal that shows texts, which come from files and devices, as they are.
 
-    Names and messages come from files and devices. Use `styled_line` for parts in colour.
+    `styled_line` has parts in colour.
     """
 
     def __init__(self, *, stderr: bool = False) -> None:
@@ -121,8 +121,13 @@ def terminal_progress(wait_limit: float | None = None) -> Iterator[Progress]:
             teller=lambda message: _tell(message, progress),
             wait_limit=wait_limit,
         )
-        with _cancel_on_signals(progress), _resume_on_signal(progress):
-            yield progress
+        # Without a terminal, no key can resume what is paused.
+        before = signal.signal(signal.SIGUSR1, lambda number, frame: progress.resume())
+        try:
+            with _cancel_on_signals(progress):
+                yield progress
+        finally:
+            signal.signal(signal.SIGUSR1, before)
 
 
 def _tell(message: str, progress: Progress) -> None:
@@ -136,21 +141,8 @@ def _tell(message: str, progress: Progress) -> None:
         print_message(message)
 
 
-@contextmanager
-def _resume_on_signal(progress: Progress) -> Iterator[None]:
-    """Let SIGUSR1 resume what is paused while the block runs: without a terminal, no key can."""
-    before = signal.signal(signal.SIGUSR1, lambda number, frame: progress.resume())
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGUSR1, before)
-
-
 def _redirect_terminal_to_null() -> None:
-    """Send output for a closed terminal to /dev/null.
-
-    Writing to a closed terminal fails, which would prevent the bench from being left safe.
-    """
+    """Send output for a closed terminal to /dev/null: a failure would keep the bench unsafe."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (1, 2):
         if os.isatty(stream):

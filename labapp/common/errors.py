@@ -12,10 +12,7 @@ _LONGEST = 2000
 
 
 class UserError(Exception):
-    """Tell the user in one or two lines what is wrong and what to do about it.
-
-    A longer message, which quotes a name without end, is cut in its middle.
-    """
+    """Tell the user in one or two lines what is wrong and what to do; longer ones are cut."""
 
     exit_code = 1
     """Exit code of a command that ends with this error."""

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FrameDelays:
-    """Measured seconds that a frame takes beyond what the devices document.
-
-    They may be negative, because devices document their longest times.
+    """Measured seconds that a frame takes beyond what the devices document, or less than that.
 
     frame: of every frame: calls of the devices, checks, and the picture's way to memory.
     filter, slm, target: of the first frame after a change of wavelength, pattern or target.

@@ -30,11 +30,7 @@ _LINK = re.compile(r"\[([^\]]+)\]\(([\w-]+)\.md\)")
 
 @dataclass(frozen=True)
 class Topic:
-    """A page of the guide.
-
-    name: the word that users type.
-    summary: a sentence.
-    """
+    """A page of the guide: the word that users type, its title, a sentence, its file."""
 
     name: str
     title: str

@@ -10,7 +10,6 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator
-from typing import Any
 
 _ONE_AT_A_TIME = threading.Lock()
 """Standard output and error belong to the whole process."""
@@ -20,7 +19,7 @@ _ONE_AT_A_TIME = threading.Lock()
 def collect_library_text(known: re.Pattern[bytes]) -> Iterator[list[str]]:
     """Collect the lines that a library writes to standard output and error within the block.
 
-    Lines that match `known` are in the list when the block has ended: the pattern's first group, or
+    The list has those that match `known` when the block has ended: the pattern's first group, or
     the whole match. Other lines go their way then.
     """
     said: list[str] = []
@@ -41,7 +40,10 @@ def collect_library_text(known: re.Pattern[bytes]) -> Iterator[list[str]]:
                 (out.getvalue().encode(), sys.stdout),
             ):
                 said += [one[known.groups and 1].decode() for one in known.finditer(written)]
-                _pass_on(known.sub(b"", written).strip(b"\n"), stream)
+                others = known.sub(b"", written).strip(b"\n")
+                # A window has no streams.
+                if others and stream is not None:
+                    stream.write(others.decode(errors="replace") + "\n")
 
 
 def _redirect_errors(handle: int) -> int | None:
@@ -54,9 +56,3 @@ def _redirect_errors(handle: int) -> int | None:
     sys.stderr.flush()
     os.dup2(handle, 2)
     return usual
-
-
-def _pass_on(others: bytes, stream: Any) -> None:
-    """Write lines that aren't the library's to a stream, which a window doesn't have."""
-    if others and stream is not None:
-        stream.write(others.decode(errors="replace") + "\n")

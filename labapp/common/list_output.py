@@ -38,7 +38,9 @@ def print_list(
     example: a command that uses an entry.
     """
     if as_json:
-        print_json([_data(one) for one in entries])
+        print_json(
+            [{"name": e.name, "what": e.what, "keys": list(e.keys), **e.facts} for e in entries]
+        )
         return
     known = {key["key"] for key in common_keys}
     keys = [key for one in entries for key in one.keys]
@@ -54,11 +56,6 @@ def print_list(
         _print("\nMost of them also have:")
         _print_keys(common_keys, widest)
     _print(f"\nFor instance: {example}")
-
-
-def _data(one: ListEntry) -> dict[str, Any]:
-    """Return all data of an entry, as it is printed as JSON."""
-    return {"name": one.name, "what": one.what, "keys": list(one.keys), **one.facts}
 
 
 def _print_keys(keys: Sequence[Mapping[str, str]], widest: int) -> None:

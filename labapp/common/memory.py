@@ -6,16 +6,9 @@ import ctypes
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import IntEnum
 
-
-class _Mallopt(IntEnum):
-    """Parameters of glibc's mallopt()."""
-
-    TRIM_THRESHOLD = -1
-    MMAP_MAX = -4
-    ARENA_MAX = -8
-
+_TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
+"""Parameters of glibc's mallopt()."""
 
 _KEPT_BYTES = (1 << 31) - 1
 """Free bytes above which glibc trims the heap: the largest number that mallopt() takes."""
@@ -31,9 +24,9 @@ def keep_freed_memory() -> None:
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
-        mallopt(_Mallopt.TRIM_THRESHOLD, _KEPT_BYTES)
-        mallopt(_Mallopt.MMAP_MAX, 0)
-        mallopt(_Mallopt.ARENA_MAX, 1)
+        mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+        mallopt(_MMAP_MAX, 0)
+        mallopt(_ARENA_MAX, 1)
 
 
 def give_back_freed_memory() -> None:

@@ -27,7 +27,7 @@ _HELD = (errno.EAGAIN, errno.EACCES)
 class NamedLock:
     """A lock by name that this process holds, until it was closed as often as it was shared.
 
-    handles: open files that have the lock, by their paths; none if no folder was fit for it.
+    handles: open files that have the lock, by their paths.
     """
 
     def __init__(self, handles: dict[Path, int]) -> None:
@@ -70,10 +70,7 @@ def take_named_lock(name: str) -> NamedLock | None:
 
 
 def find_lock_holder(name: str) -> int | None:
-    """Return this user's process that holds the lock of a name; None if none does.
-
-    It is 0 if the process can't be told.
-    """
+    """Return this user's process that holds the lock of a name, or None; 0 if it can't be told."""
     for folder in _folders():
         with suppress(FileNotFoundError), open(folder / _file_name(name), "rb") as file:
             try:

@@ -61,8 +61,7 @@ def range_of(name: str) -> Range:
 def require_range(name: str, value: Any, *, positive: bool = False) -> Any:
     """Return a number from outside, with -0 as 0; ValueError if nobody can mean it.
 
-    positive: whether it has to be more than 0, so that it may be divided by. Infinity passes:
-    whether a number may have no end is said where it's declared.
+    positive: whether it has to be more than 0, so that it may be divided by. Infinity passes.
     """
     limits, size = range_of(name), abs(value)
     if limits.most < size < math.inf:

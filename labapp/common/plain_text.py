@@ -33,10 +33,7 @@ def printable_line(text: str) -> str:
 
 
 def quote(value: object) -> str:
-    """Return a value by repr(), as errors quote it, with the middle of a long one left out.
-
-    Values of any length and depth are quoted in at most 200 characters.
-    """
+    """Return a value by repr(), as errors quote it, in at most 200 characters."""
     try:
         text = repr(value)
     except (ValueError, RecursionError):

@@ -19,8 +19,7 @@ _HASH_DIGITS = 10
 def source_commit() -> str:
     """Return the commit that the packages were installed or checked out from; "" if unknown.
 
-    It is the first digits of the commit's hash. A "+" after them says that files of the checkout
-    have been changed since.
+    A "+" after the first digits of its hash says that files have been changed since.
     """
     return _checkout_commit() or _installed_commit()
 

@@ -64,17 +64,13 @@ def machine_speed(progress: Progress | None = None) -> MachineSpeed:
 
     A speed that was measured on a busy machine is measured again once the load has halved.
     """
-    kept, load = _read(), _load_per_processor()
+    # The load is that per processor over the last minute.
+    kept, load = _read(), os.getloadavg()[0] / (os.cpu_count() or 1)
     if kept is not None and not (kept[1] > _BUSY and load < kept[1] / 2):
         return kept[0]
     speed = fit_speed(time_jobs(benchmark_jobs(), progress or Progress()))
     save_speed(speed, load)
     return speed
-
-
-def _load_per_processor() -> float:
-    """Return the load per processor over the last minute."""
-    return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
 def speed_file_path() -> Path:
@@ -84,11 +80,7 @@ def speed_file_path() -> Path:
 
 
 def _machine_fingerprint() -> dict[str, str]:
-    """Identify the machine, its libraries and the jobs.
-
-    A stored speed is invalid after any change of the machine, of a library's version, or of the
-    benchmark jobs.
-    """
+    """Identify machine, libraries and jobs: after any change, a stored speed is invalid."""
     return {
         "machine": platform.processor() or platform.machine(),
         "node": platform.node(),
@@ -101,10 +93,7 @@ def _machine_fingerprint() -> dict[str, str]:
 
 
 def _read() -> tuple[MachineSpeed, float] | None:
-    """Read the stored speed, and the load when it was measured.
-
-    Returns None without a file, and after any change of the machine or of a library's version.
-    """
+    """Read the stored speed and the load when it was measured; None if there is no valid one."""
     try:
         found = json.loads(speed_file_path().read_text())
         names = {field.name for field in fields(MachineSpeed)}
@@ -117,10 +106,7 @@ def _read() -> tuple[MachineSpeed, float] | None:
 
 
 def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
-    """Store a speed; if that fails, it is measured again.
-
-    load: load per processor during the measurement.
-    """
+    """Store a speed and the load per processor; if that fails, it is measured again."""
     kept = {"circumstances": _machine_fingerprint(), "load": load, "seconds": asdict(speed)}
     text = json.dumps(kept, indent=2)
     try:
@@ -150,9 +136,7 @@ def benchmark_jobs() -> list[BenchmarkJob]:
     field = torch.ones(700, 700, dtype=torch.complex64)
     for transform in valid_transforms(geometry, torch.complex64)[2:]:
         found.append(BenchmarkJob(transform.name, transform.cpu_seconds, partial(transform, field)))
-    found += _scattered_jobs(rng)
-    found += _axial_jobs()
-    found += _kernel_jobs(rng)
+    found += [*_scattered_jobs(rng), *_axial_jobs(), *_kernel_jobs(rng)]
     for cutoff in (1e6, 2e5):
         integral = PixelIntegration(Plane((200, 200), (3e-6, 3e-6)), cutoff)
         light = torch.ones(integral.plane.shape)
@@ -184,7 +168,10 @@ def _kernel_jobs(rng: np.random.Generator) -> list[BenchmarkJob]:
         radii = np.linspace(0.1, 0.9, steps).tolist()
         found += [
             BenchmarkJob(
-                f"{count} phasors", partial(_price, "cosine", 2 * count), partial(_phasors, angle)
+                f"{count} phasors",
+                partial(_price, "cosine", 2 * count),
+                # As the PSF of a lens computes them to judge its error.
+                partial(lambda a: torch.complex(torch.cos(a), torch.sin(a)), angle),
             ),
             BenchmarkJob(
                 f"{bessel} Bessel functions",
@@ -199,23 +186,15 @@ def _kernel_jobs(rng: np.random.Generator) -> list[BenchmarkJob]:
         ]
     for size in _NEW_BYTES:
         name = f"{size >> 20} MB of new memory"
-        found.append(BenchmarkJob(name, partial(_price, "fresh", size), partial(_fill_new, size)))
+        # The first pass over a large result fills memory that isn't in use yet.
+        fill = partial(torch.ones, size // 4, dtype=torch.float32)
+        found.append(BenchmarkJob(name, partial(_price, "fresh", size), fill))
     return found
-
-
-def _fill_new(size: int) -> torch.Tensor:
-    """Fill bytes of memory that aren't in use yet, as the first pass over a large result does."""
-    return torch.ones(size // 4, dtype=torch.float32)
 
 
 def _price(name: str, count: float, speed: MachineSpeed) -> float:
     """Return the processor seconds of `count` basic operations in one call."""
     return speed.call + count * float(getattr(speed, name))
-
-
-def _phasors(angle: torch.Tensor) -> torch.Tensor:
-    """Compute phasors, as the PSF of a lens does to judge its error."""
-    return torch.complex(torch.cos(angle), torch.sin(angle))
 
 
 def _find_arcs(radii: Sequence[float]) -> int:
@@ -226,12 +205,8 @@ def _find_arcs(radii: Sequence[float]) -> int:
 
 def _axial_jobs() -> list[BenchmarkJob]:
     found = []
-    for size, distance, f_number in (
-        (256, 2.0, 5.6),
-        (400, 0.5, 5.6),
-        (16, 1e3, 8.0),
-        (150, 0.3, 2.0),
-    ):
+    cases = ((256, 2.0, 5.6), (400, 0.5, 5.6), (16, 1e3, 8.0), (150, 0.3, 2.0))
+    for size, distance, f_number in cases:
         pixels = Plane((size, size), (3.45e-6, 3.45e-6))
         lens = Lens(0.1, f_number, 2.0)
         operator = PSFOperator(
@@ -243,10 +218,10 @@ def _axial_jobs() -> list[BenchmarkJob]:
 
 @single_threaded
 def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[BenchmarkJob, float]]:
-    """Time the jobs in processor seconds.
+    """Time the jobs in processor seconds, as the minimum over interleaved calls.
 
-    The time is the minimum over interleaved calls, because other processes can only add to a time
-    (Chen and Revels, "Robust benchmarking in noisy environments", 2016).
+    Other processes can only add to a time (Chen and Revels, "Robust benchmarking in noisy
+    environments", 2016).
     """
     seconds: dict[int, list[float]] = {number: [] for number in range(len(jobs))}
     for repeat in range(_REPEATS + 1):

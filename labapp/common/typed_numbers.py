@@ -63,7 +63,9 @@ def parse_whole(text: str, unit: str = "") -> int:
 
 def parse_decimal(text: str, unit: str = "") -> Decimal:
     """Return the number that a person typed, to its last digit; ValueError as by parse_number."""
-    bare = _without_unit(text.strip(), unit)
+    # Micro is written with one letter; keyboards and programs have two.
+    bare, wanted = (one.strip().replace("\u03bc", "µ") for one in (text, unit))
+    bare = bare.removesuffix(wanted).rstrip() if wanted else bare
     found = _NUMBER.fullmatch(bare)
     if found is None or len(bare) > _LONGEST:
         raise ValueError(f"{quote(text)} {_fault(bare, unit)}")
@@ -83,10 +85,12 @@ def parse_list(text: str, count: int | None = None) -> list[float]:
     parts = split_list(text)
     if count is not None and len(parts) != count:
         raise ValueError(f"{quote(text)} has {len(parts)} numbers, and must have {count}")
-    if count is None and _may_be_one(text):
+    # A single comma may be a decimal sign or stand between groups of digits.
+    bare, forms = text.strip(), (_NUMBER, *_GROUPED)
+    if count is None and bare.count(",") == 1 and any(one.fullmatch(bare) for one in forms):
         raise ValueError(
             f"{quote(text)} may be one number or two: type one with a point and no other sign, or "
-            f'two with a semicolon, in quotes, as "{text.strip().replace(",", ";")}"'
+            f'two with a semicolon, in quotes, as "{bare.replace(",", ";")}"'
         )
     return [parse_number(one) for one in parts]
 
@@ -106,24 +110,6 @@ def split_list(text: str) -> list[str]:
             f"signs: {_SEPARATED}"
         )
     return parts
-
-
-def _may_be_one(text: str) -> bool:
-    """Whether the comma of a list may be a decimal sign or stand between groups of digits."""
-    bare = text.strip()
-    return bare.count(",") == 1 and any(one.fullmatch(bare) for one in (_NUMBER, *_GROUPED))
-
-
-def _without_unit(text: str, unit: str) -> str:
-    """Leave out a number's unit and the blanks before it."""
-    wanted = _spell(unit.strip())
-    spelled = _spell(text)
-    return spelled.removesuffix(wanted).rstrip() if wanted else spelled
-
-
-def _spell(text: str) -> str:
-    """Write micro with one letter; keyboards and programs have two."""
-    return text.replace("\u03bc", "µ")
 
 
 def _fault(text: str, unit: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from labapp.common.time_text import format_short_time
+from labapp.common.stopwatch import format_short_time
 
 
 def format_duration(seconds: float) -> str:

@@ -22,7 +22,7 @@ from figures.problems import (
     random_stop,
 )
 from figures.regret import choice_figures, psf_choices
-from labapp.accuracy.references.chain_problem import ChainProblem
+from labapp.accuracy.references.psf_problem import ChainProblem
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel

@@ -81,10 +81,8 @@ def figures_laid_out_once():
 @pytest.fixture
 def few_field_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Free space is compared at few samples of the exact field: each is a sum over all nodes."""
-    from labapp.accuracy.propagate import FreeSpaceComparisonSettings
-
-    few = FreeSpaceComparisonSettings(max_samples=16, max_products=4e6)
-    monkeypatch.setattr("labapp.accuracy.propagate._SETTINGS", few)
+    monkeypatch.setattr("labapp.accuracy.propagate._MAX_SAMPLES", 16)
+    monkeypatch.setattr("labapp.accuracy.propagate._MAX_PRODUCTS", 4e6)
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from labapp.accuracy import edof_design, edof_psf
 from labapp.accuracy.edof_case import edof_case_from_options, panel_camera
 from labapp.accuracy.edof_design import measure_designs
 from labapp.accuracy.edof_psf import TOLERANCES, measure_gradients
-from labapp.accuracy.work_precision import CUT, Deadline, RetimingSettings
+from labapp.accuracy.work_precision import CUT, Deadline
 from labapp.common.errors import UserError
 from optics.accuracy import Budget
 from optics.edof.depth_bound import known_depth_bound, rms_transfer_limit
@@ -28,7 +28,7 @@ CASE = edof_case_from_options(None, PANEL, noise=NOISE, size=SIZE, window=24)
 @pytest.fixture(autouse=True)
 def few_rows(monkeypatch):
     """Rings of forty zones need larger panels."""
-    monkeypatch.setattr(edof_psf, "_TIMING", RetimingSettings(0.0))
+    monkeypatch.setattr(edof_psf, "_SHORT_S", 0.0)
     monkeypatch.setattr("labapp.edof.design_problem.WINDOW_REACH", REACH)
     monkeypatch.setattr("labapp.accuracy.edof_design.RATED_DEPTHS", DEPTHS)
     monkeypatch.setattr("optics.edof.pattern_search.RATED_DEPTHS", DEPTHS)

@@ -15,10 +15,9 @@ import pytest
 
 from labapp.accuracy.diagram import draw
 from labapp.accuracy.overview.cases import OverviewSettings, Scope, chain_case
-from labapp.accuracy.overview.measured import MeasuredOperation
+from labapp.accuracy.overview.measured import MeasuredOperation, Outcome
 from labapp.accuracy.overview.measuring import measure_all, write_outcome
 from labapp.accuracy.overview.operations import OPERATIONS, Operation
-from labapp.accuracy.overview.outcome import Outcome
 from labapp.accuracy.overview.page import page_html
 from labapp.accuracy.reading import (
     EACH_CALL,
@@ -32,11 +31,9 @@ from labapp.accuracy.reading import (
 from labapp.accuracy.work_precision import (
     AUTOMATIC,
     CUT,
-    CallTimingSettings,
     Candidate,
     Deadline,
     PlannedCall,
-    RetimingSettings,
     Row,
     mark_front,
     measure,
@@ -54,13 +51,13 @@ SMALL = OverviewSettings(
 
 @pytest.fixture
 def quick(monkeypatch, few_field_samples):
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-4))
-    once = RetimingSettings(short_s=0.0)
-    monkeypatch.setattr("labapp.accuracy.deconvolve._TIMING", once)
-    monkeypatch.setattr("labapp.accuracy.retrieval._TIMING", once)
-    monkeypatch.setattr("labapp.accuracy.hdr._TIMING", once)
-    monkeypatch.setattr("labapp.accuracy.multispectral._TIMING", once)
-    monkeypatch.setattr("labapp.accuracy.edof_psf._TIMING", once)
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._LEAST_S", 1e-4)
+    monkeypatch.setattr("labapp.accuracy.deconvolve._SHORT_S", 0.0)
+    monkeypatch.setattr("labapp.accuracy.retrieval._SHORT_S", 0.0)
+    monkeypatch.setattr("labapp.accuracy.hdr._SHORT_S", 0.0)
+    monkeypatch.setattr("labapp.accuracy.multispectral._SHORT_S", 0.0)
+    monkeypatch.setattr("labapp.accuracy.edof_psf._SHORT_S", 0.0)
     monkeypatch.setattr("labapp.accuracy.edof_design.RATED_DEPTHS", 4)
     monkeypatch.setattr("optics.edof.pattern_search.RATED_DEPTHS", 4)
     monkeypatch.setattr("labapp.accuracy.multispectral._COUNTS", (2, 4))
@@ -358,7 +355,7 @@ def test_the_command_writes_both_files(labapp, tmp_path, monkeypatch, quick):
         "labapp.accuracy.overview.measuring.OverviewSettings", lambda: SMALL, raising=True
     )
     monkeypatch.setattr(
-        "labapp.accuracy.overview.command.OPERATIONS", operations("propagate"), raising=True
+        "labapp.accuracy.overview.measuring.OPERATIONS", operations("propagate"), raising=True
     )
     folder = tmp_path / "accuracy"
     code, printed, said = labapp("accuracy", "--out", folder)

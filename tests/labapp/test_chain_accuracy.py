@@ -15,7 +15,7 @@ from labapp.accuracy.chain import build_reference, chain_case_from_options
 from labapp.accuracy.references import chain_integral
 from labapp.accuracy.references.chain_integral import chain_density, chain_field
 from labapp.accuracy.references.panel_integral import ImagingChain
-from labapp.accuracy.work_precision import CallTimingSettings, Row
+from labapp.accuracy.work_precision import Row
 from labapp.common.errors import UserError
 from labapp.prediction.lens_options import LensCase
 from optics.camera import Camera, Lens, Panel
@@ -137,8 +137,7 @@ def test_lines_that_share_their_cells_give_what_every_node_gives(monkeypatch):
     modulations = [np.exp(1j * np.random.default_rng(1).uniform(0, 6, (20, 23))), np.ones((20, 23))]
     chain, places = ImagingChain(camera, 0.4, 550e-9), np.linspace(-6e-5, 6e-5, 5)
     cells = chain_field(chain, modulations, places, places)
-    without_room = replace(chain_integral.SETTINGS, max_sums=0)
-    monkeypatch.setattr(chain_integral, "SETTINGS", without_room)
+    monkeypatch.setattr(chain_integral, "_MAX_SUMS", 0)
     nodes = chain_field(chain, modulations, places, places)
     assert not np.array_equal(cells, nodes)
     assert np.linalg.norm(cells - nodes) <= 1e-12 * np.linalg.norm(nodes)
@@ -179,7 +178,8 @@ def test_shares_of_light_are_those_of_the_lobes_in_a_window():
 
 def test_the_diagram_of_a_chain(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.chain.TOLERANCES", (1e-1, 1e-3))
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._LEAST_S", 1e-3)
     files = ["--json", "--plot", tmp_path / "front.png"]
     code, printed, _ = labapp("accuracy", "chain", *SMALL, *files)
     assert code == 0
@@ -197,7 +197,8 @@ def test_the_diagram_of_a_chain(labapp, tmp_path, monkeypatch):
 def test_a_chain_whose_panel_stands_at_the_lens(labapp, monkeypatch):
     """The same question to the methods of a panel; all that fail say why."""
     monkeypatch.setattr("labapp.accuracy.chain.TOLERANCES", (1e-2,))
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._LEAST_S", 1e-3)
     code, printed, _ = labapp("accuracy", "chain", *SMALL, "--separation-mm", "0", "--json")
     assert code == 0
     good = [row for row in json.loads(printed)["rows"] if not row["failure"]]

@@ -13,7 +13,7 @@ from labapp.accuracy.regression_check import (
     require_comparable_rows,
     slower_rows,
 )
-from labapp.accuracy.work_precision import CallTimingSettings, Row
+from labapp.accuracy.work_precision import Row
 from labapp.common.errors import UserError
 
 ROW = Row("psf", "case", "way", "float64", 1e-3, error_achieved=1e-4, cpu_s=0.010)
@@ -83,7 +83,8 @@ def test_the_bundled_front_is_that_of_the_default_case():
 def test_a_front_is_compared_from_the_command_line(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.psf._GRIDS", (64,))
     monkeypatch.setattr("labapp.accuracy.psf._TOLERANCES", (1e-1, 1e-2))
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._LEAST_S", 1e-3)
     front = tmp_path / "front.json"
     options = ["accuracy", "psf", "--size", "16", "--f-number", "32"]
     code, printed, _ = labapp(*options, "--json")

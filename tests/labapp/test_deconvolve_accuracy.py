@@ -10,13 +10,12 @@ import pytest
 from scipy.signal import convolve2d
 
 from labapp.accuracy.blurs import BLURS, circle, disk, photograph_from_options, simulate_photograph
-from labapp.accuracy.work_precision import RetimingSettings
 from optics.inverse.choice import METHODS
 
 
 @pytest.fixture(autouse=True)
 def timed_once(monkeypatch):
-    monkeypatch.setattr("labapp.accuracy.deconvolve._TIMING", RetimingSettings(2.0, repeats=1))
+    monkeypatch.setattr("labapp.accuracy.deconvolve._SHORT_S", 0.0)
 
 
 @pytest.fixture

@@ -10,14 +10,14 @@ import pytest
 from labapp.accuracy.hdr import measure_merges
 from labapp.accuracy.hdr_case import BracketCase
 from labapp.accuracy.hdr_diagram import draw_merges
-from labapp.accuracy.work_precision import CUT, Deadline, RetimingSettings
+from labapp.accuracy.work_precision import CUT, Deadline
 from optics.hdr import METHODS
 from optics.progress import Progress
 
 
 @pytest.fixture(autouse=True)
 def once(monkeypatch):
-    monkeypatch.setattr("labapp.accuracy.hdr._TIMING", RetimingSettings(0.0))
+    monkeypatch.setattr("labapp.accuracy.hdr._SHORT_S", 0.0)
 
 
 def test_every_method_is_a_row_and_more_exposures_err_less(labapp):

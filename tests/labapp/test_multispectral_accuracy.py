@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.multispectral import measure_multispectral
+from labapp.accuracy.option_validation import PSF_NAMES
 from labapp.accuracy.spectral_case import spectral_case_from_options
-from labapp.accuracy.spectral_names import PSF_NAMES
-from labapp.accuracy.work_precision import CUT, Deadline, RetimingSettings
+from labapp.accuracy.work_precision import CUT, Deadline
 from labapp.files.cubes import SpectralCube, write_cube
 from optics.progress import Progress
 
 
 @pytest.fixture(autouse=True)
 def few_iterations(monkeypatch):
-    monkeypatch.setattr("labapp.accuracy.multispectral._TIMING", RetimingSettings(0.0))
+    monkeypatch.setattr("labapp.accuracy.multispectral._SHORT_S", 0.0)
     monkeypatch.setattr("labapp.accuracy.multispectral._COUNTS", (5, 40))
     monkeypatch.setattr("labapp.accuracy.multispectral._PUBLISHED_COUNTS", (5, 20))
 

@@ -158,7 +158,7 @@ def test_a_chain_that_takes_too_long_is_refused_before_anything_is_planned(labap
     never(
         "optics.psf.PSFOperator.__init__",
         "labapp.accuracy.chain.machine_speed",
-        "labapp.accuracy.references.chain_problem.chain_density",
+        "labapp.accuracy.references.psf_problem.chain_density",
     )
     wide = ["--panel", "1080x1920x8", "--f-number", "2", "--separation-mm", "20"]
     code, _, said = labapp("accuracy", "chain", *wide)

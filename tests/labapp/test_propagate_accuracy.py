@@ -15,7 +15,7 @@ from labapp_peers import free_space as propagate_peers
 from labapp_peers.free_space import candidates as peer_candidates
 
 from labapp.accuracy.propagate import FieldReference, candidates, field_case_from_options
-from labapp.accuracy.work_precision import CallTimingSettings, Row, measure
+from labapp.accuracy.work_precision import Row, measure
 from labapp.common.errors import UserError
 from optics.accuracy import Budget
 from optics.plane import Plane
@@ -36,7 +36,8 @@ def small_case(*, light: str = "smooth", paraxial: bool = False, **changes):
 
 def test_the_diagram_of_a_way_through_free_space(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.propagate.TOLERANCES", (1e-2, 1e-5, 1e-8))
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._LEAST_S", 1e-3)
     files = ["--json", "--plot", tmp_path / "front.png"]
     asked = ["--size", "180", "--distance", "0.02", "--target-size", "40", "--target-pitch-um", "5"]
     code, printed, _ = labapp("accuracy", "propagate", *asked, *files)
@@ -57,7 +58,8 @@ def test_the_diagram_of_a_way_through_free_space(labapp, tmp_path, monkeypatch):
 @pytest.mark.parametrize("paraxial", [False, True])
 def test_every_kind_of_field_is_measured(monkeypatch, light, paraxial):
     monkeypatch.setattr("labapp.accuracy.propagate.TOLERANCES", (1e-4,))
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._LEAST_S", 1e-3)
     case = small_case(light=light, paraxial=paraxial, target=Plane((20, 30), (8e-6, 8e-6)))
     reference = FieldReference(case)
     rows = measure(
@@ -159,7 +161,8 @@ def test_a_library_for_one_plane_is_not_asked_for_another(monkeypatch):
 @pytest.mark.parametrize("paraxial", [False, True])
 def test_hcipy_reaches_the_exact_field_where_it_is_installed(monkeypatch, paraxial):
     pytest.importorskip("hcipy", exc_type=ImportError)
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._LEAST_S", 1e-3)
     rows = peer_rows(small_case(paraxial=paraxial), "hcipy.*1x finer, 360")
     assert min(row.error_achieved for row in rows) < 1e-6
 

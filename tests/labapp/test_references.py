@@ -11,8 +11,6 @@ from judges import Apart, View, by_chain, by_lines, by_panel, by_rings, covered,
 from judges.fields import Cells, Gaussians, Points, Pulse
 
 from labapp.accuracy.references.chain_integral import chain_density
-from labapp.accuracy.references.chain_problem import ChainProblem
-from labapp.accuracy.references.coverage import open_area_shares
 from labapp.accuracy.references.free_space import (
     CellLight,
     Gaussian,
@@ -21,12 +19,11 @@ from labapp.accuracy.references.free_space import (
     exact_field,
     product_count,
 )
-from labapp.accuracy.references.lens_integral import lens_psf
+from labapp.accuracy.references.lens_integral import lens_psf, open_area_shares
 from labapp.accuracy.references.panel_integral import ImagingChain
 from labapp.accuracy.references.panel_matrices import PanelMatrices
-from labapp.accuracy.references.psf_problem import PSFProblem
+from labapp.accuracy.references.psf_problem import ChainProblem, PSFProblem, draw_samples
 from labapp.accuracy.references.round_lens import round_lens_psf
-from labapp.accuracy.references.samples import draw_samples
 from optics.camera import Camera, Lens, Panel
 from optics.camera.stop import Circle, Stop, rectangle, regular_polygon
 from optics.plane import Plane

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.retrieval import RetrievalRow, goal_from_options, measure_retrieval
-from labapp.accuracy.work_precision import RetimingSettings
 from labapp.patterns.designing.kinds import read_psf
 from optics.accuracy import MachineSpeed
 from optics.progress import Cancelled, Progress
@@ -28,7 +27,7 @@ def bench(small):
 @pytest.fixture
 def quickly(monkeypatch):
     monkeypatch.setattr("labapp.accuracy.retrieval._ITERATIONS", (1, 4))
-    monkeypatch.setattr("labapp.accuracy.retrieval._TIMING", RetimingSettings(0.5, repeats=1))
+    monkeypatch.setattr("labapp.accuracy.retrieval._SHORT_S", 0.0)
 
 
 @pytest.mark.parametrize("frames", [1, 3])

@@ -13,7 +13,6 @@ import pytest
 from labapp.accuracy.psf import _METHODS
 from labapp.accuracy.row_output import print_data
 from labapp.accuracy.work_precision import (
-    CallTimingSettings,
     Candidate,
     PlannedCall,
     Row,
@@ -82,7 +81,8 @@ def test_the_diagram_of_a_psf(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.psf._GRIDS", (64, 128, 256))
     tolerances = tuple(10.0**-k for k in (1, 1.5, 2, 2.5, 3, 4, 5, 8))
     monkeypatch.setattr("labapp.accuracy.psf._TOLERANCES", tolerances)
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
+    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._LEAST_S", 1e-3)
     files = ["--json", "--plot", tmp_path / "front.png"]
     code, printed, _ = labapp("accuracy", "psf", "--size", "16", "--f-number", "32", *files)
     assert code == 0

@@ -11,14 +11,10 @@ from labapp.files.bench_file import read_camera
 from labapp.files.reading import bundled_path
 from labapp.patterns.designing.kinds import read_psf
 from labapp.prediction.lens_options import LensCase, read_panel
-from labapp.prediction.simulating.picture_request import PictureRequest, prepare_bench_scene
-from labapp.prediction.simulating.small_bench import small_bench_setup
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens
 from optics.plane import Plane
-from optics.progress import Progress
 from optics.retrieval.goal import RetrievalGoal
-from simulator.situation import Situation
 
 
 @dataclass(frozen=True)
@@ -39,8 +35,6 @@ class OverviewSettings:
     retrieval_s: processor seconds that one setting of phase retrieval may take.
     most_products: that an exact integral may take. The thesis' camera takes 5.4e11, which were
     measured to take two minutes.
-    defocus: distance of the object over that of the plane in focus.
-    far: distance of the object in focal lengths, where the plane in focus lies at infinity.
     """
 
     operation_s: float = 75.0
@@ -54,17 +48,11 @@ class OverviewSettings:
     edof_steps: int = 100
     retrieval_s: float = 1.0
     most_products: float = 6e11
-    defocus: float = 0.8
-    far: float = 1000.0
 
 
 @dataclass(frozen=True)
 class Scope:
-    """What the page is measured for.
-
-    budget: with the machine's speed.
-    camera: None for the bundled cases.
-    """
+    """What the page is measured for: a camera, or the bundled cases for None."""
 
     budget: Budget
     camera: Camera | None = None
@@ -73,6 +61,9 @@ class Scope:
 
 _WAVELENGTH = 550e-9
 _PITCH = 3.45e-6
+_DEFOCUS, _FAR = 0.8, 1000.0
+"""Distance of the object over that of the plane in focus, and in focal lengths where this plane
+lies at infinity; chosen."""
 
 
 def lens_case(scope: Scope) -> LensCase:
@@ -80,15 +71,12 @@ def lens_case(scope: Scope) -> LensCase:
     size = scope.settings.window
     if scope.camera is None:
         plane = Plane((size, size), (_PITCH, _PITCH))
-        return LensCase(Lens(0.1, 8.0, 2.0), 2.0 * scope.settings.defocus, _WAVELENGTH, plane)
+        return LensCase(Lens(0.1, 8.0, 2.0), 2.0 * _DEFOCUS, _WAVELENGTH, plane)
     return _camera_case(scope.camera, scope, size)
 
 
 def panel_case(scope: Scope) -> chain.ChainCase:
-    """Return a panel in the plane of its lens.
-
-    Raises UserError for a camera whose panel stands apart from its lens.
-    """
+    """Return a panel in the plane of its lens; UserError for a camera whose panel stands apart."""
     if scope.camera is not None and scope.camera.separation:
         raise UserError("this camera's panel stands apart from its lens: see the chain")
     camera = replace(scope.camera or read_camera(None), separation=0.0)
@@ -96,10 +84,7 @@ def panel_case(scope: Scope) -> chain.ChainCase:
 
 
 def chain_case(scope: Scope) -> chain.ChainCase:
-    """Return a panel apart from its lens, with light on whole pixels.
-
-    Raises UserError for a camera whose panel stands in the plane of its lens.
-    """
+    """Return a panel apart from its lens, with light on whole pixels; UserError for another one."""
     camera = scope.camera or _small_thesis_camera(scope.settings.chain_panel)
     if not camera.separation:
         raise UserError("this camera's panel stands in the plane of its lens: see the panel")
@@ -142,9 +127,7 @@ def _describe(case: LensCase, scope: Scope) -> chain.ChainCase:
 
 def _camera_case(camera: Camera, scope: Scope, size: int) -> LensCase:
     focus, pitch = camera.lens.focus_distance, camera.sensor.pitch
-    distance = scope.settings.defocus * focus
-    if math.isinf(focus):
-        distance = scope.settings.far * camera.lens.focal_length
+    distance = _FAR * camera.lens.focal_length if math.isinf(focus) else _DEFOCUS * focus
     plane = Plane((size, size), (pitch, pitch))
     return LensCase(camera.lens, distance, _WAVELENGTH, plane, camera)
 
@@ -164,18 +147,12 @@ def retrieval_goal(scope: Scope) -> tuple[RetrievalGoal, str]:
 
 
 def depth_of_field_case(scope: Scope) -> edof_case.EdofCase:
-    """Return the camera whose depth of field is extended: the thesis' by default.
-
-    Raises UserError for a panel that can't be read.
-    """
+    """Return the camera whose depth of field is extended: the thesis' by default."""
     settings, camera = scope.settings, scope.camera
-    panel = None if camera else settings.edof_panel
-    size, window = settings.picture_size, settings.window
-    return edof_case.edof_case_from_options(camera, panel, noise=0.008, size=size, window=window)
-
-
-def simulated_situation(progress: Progress) -> Situation:
-    """Return the situation of a simulated picture: a star, on few pixels."""
-    asked = PictureRequest(target="star")
-    with prepare_bench_scene(small_bench_setup(None), asked, progress) as staged:
-        return staged.situation
+    return edof_case.edof_case_from_options(
+        camera,
+        None if camera else settings.edof_panel,
+        noise=0.008,
+        size=settings.picture_size,
+        window=settings.window,
+    )

@@ -1,14 +1,14 @@
-"""What was measured of an operation, in marks, rows and plain data for the page and its JSON."""
+"""What was measured, in marks, rows and plain data for the page and its JSON."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
+import labapp
 from labapp.accuracy.reading import (
-    SETTINGS,
+    WANTED,
     TimeKind,
     cheapest_row,
     cheapest_sentence,
@@ -19,17 +19,15 @@ from labapp.accuracy.reading import (
     setting_name,
     time_kinds,
 )
+from labapp.accuracy.row_output import row_data
 from labapp.accuracy.work_precision import CUT, Row
 
 
 @dataclass(frozen=True)
 class MeasuredOperation:
-    """What was measured of one operation.
+    """What was measured of one operation, in words and rows.
 
-    name, title: name in JSON, and heading.
-    what: what is computed and how the diagram is read, in a few sentences.
-    case: the case that was measured, in words.
-    error_name: what error was measured.
+    what: what is computed and how the diagram is read.
     seconds: wall-clock time that measuring took.
     """
 
@@ -71,8 +69,8 @@ class MeasuredOperation:
         words = []
         if starred:
             reached = cheapest_row(self.rows, starred[0]) is not None
-            goal = f"for {format_error(SETTINGS.wanted)}" if reached else "near the best"
-            times = " and ".join(_short_name(kind) for kind in starred)
+            goal = f"for {format_error(WANTED)}" if reached else "near the best"
+            times = " and ".join(kind.short_name.lower() for kind in starred)
             words.append(f"★ cheapest {goal}, {times}")
         if row.tol is None:
             words += ["automatic choice"] if row.chosen_for else []
@@ -90,7 +88,15 @@ class MeasuredOperation:
             "case": self.case,
             "error": self.error_name,
             "seconds": self.seconds,
-            "cheapest": {kind.name: self._cheapest(kind) for kind in self.kinds},
+            "cheapest": {
+                kind.name: {
+                    "row": None if star is None else self.rows.index(star),
+                    "reaches": WANTED if cheapest_row(self.rows, kind) is not None else None,
+                    "words": cheapest_sentence(self.rows, kind),
+                }
+                for kind in self.kinds
+                for star in [highlighted_row(self.rows, kind)]
+            },
             "next_decimal": {
                 kind.name: next_decimal_sentences(self.rows, kind) for kind in self.kinds
             },
@@ -99,26 +105,51 @@ class MeasuredOperation:
                 f"{row.method}, {setting_name(row)}" for row in self.rows if row.failure == CUT
             ],
             "table": [self.rows.index(row) for row in self.table_rows],
-            "rows": [_row_data(row) for row in self.rows],
+            "rows": [row_data(row) for row in self.rows],
         }
 
-    def _cheapest(self, kind: TimeKind) -> dict[str, Any]:
-        row = highlighted_row(self.rows, kind)
+    @property
+    def summary_rows(self) -> list[list[str]]:
+        """The cheapest setting for each kind of time: title, time, sentence."""
+        return [
+            [self.title, kind.short_name, cheapest_sentence(self.rows, kind)] for kind in self.kinds
+        ]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """An operation that wasn't measured, and why."""
+
+    name: str
+    title: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """All that was measured.
+
+    machine, scope: the machine, and the camera that was measured, in words.
+    left_out: operations that weren't measured.
+    seconds: wall-clock time of the whole.
+    cancelled: whether a person stopped it.
+    """
+
+    machine: str
+    scope: str
+    operations: Sequence[MeasuredOperation]
+    left_out: Sequence[LeftOut]
+    seconds: float
+    cancelled: bool
+
+    def as_data(self) -> dict[str, Any]:
+        """Return everything as plain data for JSON."""
         return {
-            "row": None if row is None else self.rows.index(row),
-            "reaches": SETTINGS.wanted if cheapest_row(self.rows, kind) is not None else None,
-            "words": cheapest_sentence(self.rows, kind),
+            "version": labapp.__version__,
+            "machine": self.machine,
+            "scope": self.scope,
+            "seconds": self.seconds,
+            "cancelled": self.cancelled,
+            "left_out": [vars(one) for one in self.left_out],
+            "operations": [one.as_data() for one in self.operations],
         }
-
-
-def _short_name(kind: TimeKind) -> str:
-    return kind.name.partition(":")[0].lower()
-
-
-def _row_data(row: Row) -> dict[str, Any]:
-    """Return a row as plain data; JSON has no infinity, which becomes null."""
-    return {name: _finite(value) for name, value in asdict(row).items()}
-
-
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""Measures all operations, and writes the page and its data."""
+"""`labapp accuracy` without a name: measures all operations, and writes the page and its data."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labapp.accuracy.overview.cases import OverviewSettings, Scope
-from labapp.accuracy.overview.measured import MeasuredOperation
+from labapp.accuracy.overview.measured import LeftOut, MeasuredOperation, Outcome
 from labapp.accuracy.overview.operations import OPERATIONS, Operation
-from labapp.accuracy.overview.outcome import LeftOut, Outcome
 from labapp.accuracy.overview.page import page_html
 from labapp.accuracy.row_output import describe_machine
 from labapp.accuracy.work_precision import LONGEST_CALL, Deadline
+from labapp.common.console import out, print_json, print_message, print_table, terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
+from labapp.files.bench_file import read_camera
 from labapp.files.output_paths import ACCURACY_FILES
 from labapp.files.writing import make_folder, write_atomically
 from optics.accuracy import Budget
@@ -78,3 +79,36 @@ def write_outcome(outcome: Outcome, folder: Path) -> None:
     text = json.dumps(outcome.as_data(), indent=1, allow_nan=False, ensure_ascii=False)
     write_atomically(data, f"{text}\n".encode())
     write_atomically(page, page_html(outcome).encode())
+
+
+def accuracy_page(
+    camera: Path | None,
+    folder: Path,
+    *,
+    as_json: bool,
+) -> None:
+    """Measure what accuracy costs in every operation, write the page, and print its summary.
+
+    camera: file of the camera that is measured; None for the bundled cases.
+    The process ends with exit code 130 if it was cancelled after something was measured; that is
+    written all the same.
+    """
+    described = None if camera is None else read_camera(camera)
+    scope = "Bundled cases" if camera is None else f"The camera of {camera.name}"
+    with terminal_progress() as progress:
+        outcome = measure_all(described, scope, progress, operations=OPERATIONS)
+    write_outcome(outcome, folder)
+    if as_json:
+        print_json(outcome.as_data())
+    else:
+        rows = [row for one in outcome.operations for row in one.summary_rows]
+        print_table("What accuracy costs", ["operation", "time of", "setting"], rows)
+        for one in outcome.left_out:
+            out.print(f"not measured: {one.title}: {one.why}")
+        out.print(outcome.machine, style="dim")
+    for name in ACCURACY_FILES:
+        print_message(f"wrote {folder / name}")
+    if outcome.cancelled:
+        count = f"{len(outcome.operations)} of {len(OPERATIONS)}"
+        print_message(f"cancelled: {count} operations were measured, and are on the page")
+        raise SystemExit(130)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from labapp.accuracy import (
     blurs,
@@ -15,7 +15,7 @@ from labapp.accuracy import (
     edof_psf,
     hdr,
     hdr_case,
-    hdr_row,
+    hdr_diagram,
     multispectral,
     propagate,
     psf,
@@ -24,7 +24,6 @@ from labapp.accuracy import (
     spectral_case,
 )
 from labapp.accuracy.overview.cases import (
-    OverviewSettings,
     Scope,
     chain_case,
     depth_of_field_case,
@@ -32,11 +31,10 @@ from labapp.accuracy.overview.cases import (
     lens_case,
     panel_case,
     retrieval_goal,
-    simulated_situation,
 )
-from labapp.accuracy.warm_up import first_uses, similar_wavelength
-from labapp.accuracy.work_precision import CALLS, Candidate, Deadline, Row, mark_front, measure
+from labapp.accuracy.work_precision import CALLS, Comparison, Deadline, Row, mark_front, measure
 from labapp.pictures.networks import bundled_denoiser
+from labapp.prediction.simulating.picture_request import PictureRequest
 from optics.progress import Progress
 
 Measured = tuple[str, Sequence[Row]]
@@ -60,17 +58,9 @@ class Operation:
 
 def _measure_lens(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
     case = lens_case(scope)
-    budget = scope.budget
-    truth = psf.exact_psf(case, progress.part(0.0, 0.2))
-    similar = replace(case, wavelength=similar_wavelength(case.wavelength))
-    found = measure(
-        _in_turn(psf.candidates(case, budget, grids=False), scope.settings),
-        truth,
-        progress.part(0.2, 1.0),
-        warm_up=first_uses(psf.candidates(similar, budget, grids=False)),
-        deadline=deadline,
-    )
-    return case.name, found.rows
+    exact = progress.part(0.0, 0.2)
+    found = psf.compare_methods(case, scope.budget, exact, grids=False)
+    return case.name, _measure(found, scope, progress.part(0.2, 1.0), deadline)
 
 
 def _measure_panel(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
@@ -84,35 +74,31 @@ def _measure_chain(scope: Scope, progress: Progress, deadline: Deadline) -> Meas
 def _measure_camera(case: chain.ChainCase, scope: Scope, progress: Progress) -> Measured:
     """Measure the PSF methods of a camera with a panel."""
     progress.report(0.0, "the exact integral")
-    reference = chain.build_reference(case.problem)
-    truth = reference.exact_samples
+    found = chain.compare_methods(case, scope.budget)
     # The exact integral of a large panel may take longer than all methods together.
     deadline = Deadline.after(scope.settings.operation_s)
-    other = replace(case.problem, wavelength=similar_wavelength(case.problem.wavelength))
-    similar = chain.ChainCase(other, case.name)
-    found = measure(
-        _in_turn(chain.candidates(case, reference, scope.budget), scope.settings),
-        truth,
-        progress.part(0.3, 1.0),
-        warm_up=first_uses(chain.candidates(similar, reference, scope.budget)),
-        deadline=deadline,
-    )
-    return case.name, found.rows
+    return case.name, _measure(found, scope, progress.part(0.3, 1.0), deadline)
 
 
 def _measure_propagation(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
     case = field_case(scope)
     progress.report(0.0, "the exact field")
-    reference = propagate.FieldReference(case)
-    similar = replace(case, wavelength=similar_wavelength(case.wavelength))
-    found = measure(
-        _in_turn(propagate.candidates(case, reference, scope.budget), scope.settings),
-        reference.exact_samples,
-        progress.part(0.2, 1.0),
-        warm_up=first_uses(propagate.candidates(similar, reference, scope.budget)),
-        deadline=deadline,
-    )
-    return case.name, found.rows
+    found = propagate.compare_methods(case, scope.budget)
+    return case.name, _measure(found, scope, progress.part(0.2, 1.0), deadline)
+
+
+def _measure(
+    comparison: Comparison, scope: Scope, progress: Progress, deadline: Deadline
+) -> Sequence[Row]:
+    """Measure methods from the largest tolerance to the least.
+
+    What is cut at the deadline is then the most exact, and slowest.
+    """
+    candidates, truth, similar = comparison
+    least = 0.99 * scope.settings.least_tolerance
+    found = [one for one in candidates if one.row.tol is None or one.row.tol >= least]
+    found.sort(key=lambda one: -(one.row.tol or math.inf))
+    return measure(found, truth, progress, warm_up=similar, deadline=deadline).rows
 
 
 def _measure_deconvolution(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
@@ -160,7 +146,8 @@ def _measure_retrieval(scope: Scope, progress: Progress, deadline: Deadline) -> 
 
 
 def _measure_simulation(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
-    s = simulated_situation(progress.part(0.0, 0.1))
+    # A star, on few pixels.
+    s = simulate.prepare_situation(PictureRequest(target="star"), progress.part(0.0, 0.1))
     found = simulate.measure_tolerances(s, progress.part(0.1, 1.0), deadline)
     name = f"{simulate.describe_situation(s)}, on the bench with few pixels"
     return name, mark_front([_simulation_row(one, name) for one in found if one.tol is not None])
@@ -180,16 +167,6 @@ def _simulation_row(row: simulate.SimulationRow, name: str) -> Row:
         engine="effect plan",
         chosen_for=CALLS,
     )  # fmt: skip
-
-
-def _in_turn(candidates: Iterable[Candidate], settings: OverviewSettings) -> list[Candidate]:
-    """Sort candidates from the largest tolerance to the least.
-
-    What is cut at the deadline is then the most exact, and slowest.
-    """
-    least = settings.least_tolerance
-    found = [one for one in candidates if one.row.tol is None or one.row.tol >= 0.99 * least]
-    return sorted(found, key=lambda one: -(one.row.tol or math.inf))
 
 
 OPERATIONS = (
@@ -265,7 +242,7 @@ OPERATIONS = (
         "Merging of exposure brackets",
         "Light of four decades from two, four and eight exposures. Noise limits what can be known: "
         "for each number of exposures, the error levels off.",
-        hdr_row.ERROR_NAME,
+        hdr_diagram.ERROR_NAME,
         _measure_merges,
     ),
     Operation(

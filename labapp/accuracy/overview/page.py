@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
 from html import escape
 
 import matplotlib
 from matplotlib.figure import Figure
 
 from labapp.accuracy.diagram import draw_panels
-from labapp.accuracy.overview.measured import MeasuredOperation
-from labapp.accuracy.overview.outcome import Outcome
+from labapp.accuracy.overview.measured import MeasuredOperation, Outcome
 from labapp.accuracy.reading import (
-    cheapest_sentence,
     choice_sentence,
     curve_name,
     failure_sentences,
@@ -66,6 +63,7 @@ def page_html(outcome: Outcome) -> str:
     """Return all measured operations as an HTML page."""
     title = "What accuracy costs"
     links = " ".join(f'<a href="#{one.name}">{escape(one.title)}</a>' for one in outcome.operations)
+    summary = [row for one in outcome.operations for row in one.summary_rows]
     parts = [
         _STYLE,
         f"<h1>{title}</h1>",
@@ -74,7 +72,7 @@ def page_html(outcome: Outcome) -> str:
         _warning(outcome),
         _INTRODUCTION,
         f"<nav>{links}</nav>",
-        _summary(outcome.operations),
+        "<h2>At a glance</h2>" + html_table(["operation", "time of", "setting"], summary),
         *(_section(one) for one in outcome.operations),
         footer(),
     ]
@@ -90,21 +88,10 @@ def _warning(outcome: Outcome) -> str:
     return f"{cancelled}<p>Not measured:</p><ul>{''.join(lines)}</ul>"
 
 
-def _summary(operations: Sequence[MeasuredOperation]) -> str:
-    """Return a table of the cheapest settings of all operations."""
-    rows = [
-        [one.title, kind.name.partition(":")[0], cheapest_sentence(one.rows, kind)]
-        for one in operations
-        for kind in one.kinds
-    ]
-    return "<h2>At a glance</h2>" + html_table(["operation", "time of", "setting"], rows)
-
-
 def _section(one: MeasuredOperation) -> str:
     cheapest = "".join(
-        f'<p class="cheapest">★ {escape(kind.name.partition(":")[0])}: '
-        f"{escape(_lower(cheapest_sentence(one.rows, kind)))}.</p>"
-        for kind in one.kinds
+        f'<p class="cheapest">★ {escape(time)}: {escape(sentence[:1].lower() + sentence[1:])}.</p>'
+        for _, time, sentence in one.summary_rows
     )
     return (
         f'<section id="{one.name}"><h2>{escape(one.title)}</h2>'
@@ -112,18 +99,14 @@ def _section(one: MeasuredOperation) -> str:
         f"<p>{escape(choice_sentence(one.rows))}</p>"
         f"<figure>{inline_svg(draw_panels(one.rows, one.error_name), one.name)}</figure>"
         f"{_next_decimals(one)}{_failures(one)}"
-        f"{html_table(_columns(one), _table(one))}{_all_rows(one)}</section>"
+        f"{_table(one)}{_all_rows(one)}</section>"
     )
-
-
-def _lower(sentence: str) -> str:
-    return sentence[:1].lower() + sentence[1:]
 
 
 def _next_decimals(one: MeasuredOperation) -> str:
     """Say what each further decimal costs."""
     lines = [
-        f"<li>{escape(kind.name.partition(':')[0])}: {escape('; '.join(said))}.</li>"
+        f"<li>{escape(kind.short_name)}: {escape('; '.join(said))}.</li>"
         for kind in one.kinds
         if (said := next_decimal_sentences(one.rows, kind))
     ]
@@ -139,26 +122,15 @@ def _next_decimals(one: MeasuredOperation) -> str:
 
 def _failures(one: MeasuredOperation) -> str:
     said = failure_sentences(one.rows)
-    lines = "".join(f"<li>{escape(_upper(line))}</li>" for line in said)
+    lines = "".join(f"<li>{escape(line[:1].upper() + line[1:])}</li>" for line in said)
     return f"<p><b>What isn't in the diagram:</b></p><ul>{lines}</ul>" if said else ""
 
 
-def _upper(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]
-
-
-def _columns(one: MeasuredOperation) -> list[str]:
-    """Return the table's headings, without columns that would be empty."""
+def _table(one: MeasuredOperation) -> str:
+    """Return the automatic choices and the cheapest, without columns that would be empty."""
     rows = [_cells(one, row) for row in one.table_rows]
-    return [
-        name for k, name in enumerate(_ALL_COLUMNS) if not rows or any(cells[k] for cells in rows)
-    ]
-
-
-def _table(one: MeasuredOperation) -> list[list[str]]:
-    rows = [_cells(one, row) for row in one.table_rows]
-    kept = [k for k in range(len(_ALL_COLUMNS)) if any(cells[k] for cells in rows)]
-    return [[cells[k] for k in kept] for cells in rows]
+    kept = [k for k in range(len(_ALL_COLUMNS)) if not rows or any(cells[k] for cells in rows)]
+    return html_table([_ALL_COLUMNS[k] for k in kept], [[cells[k] for k in kept] for cells in rows])
 
 
 def _cells(one: MeasuredOperation, row: Row) -> list[str]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -21,10 +20,10 @@ from numpy.polynomial import chebyshev, legendre
 from numpy.typing import NDArray
 from scipy.special import roots_legendre
 
-from labapp.accuracy.references.coverage import open_area_shares
 from labapp.accuracy.references.lens_integral import (
     NODE_MARGIN,
     StopLine,
+    open_area_shares,
     pupil_phase,
     steepest_phase_slope,
     stop_lines,
@@ -40,31 +39,26 @@ Array = NDArray[np.float64]
 Field = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
-class ChainQuadratureSettings:
-    """Tune the quadrature over the stop of a chain.
+_CELL_PHASE = 16.0
+"""Most radians by which the phase of the integrand changes over half a cell; chosen."""
 
-    cell_phase: most radians by which the phase of the integrand changes over half a cell. Chosen.
-    nodes_per_cell: a polynomial of 34 terms approximates exp(i w t) to (e w / 68)^34.
-    reach_margin: share of the extent of the stop by which the cells reach beyond it. Chosen.
-    lines_at_once: lines across the stop that are summed at a time. Chosen.
-    places_at_once: positions at the lens for which the light of all pixels is computed at a time.
-    Chosen.
-    max_sums: most complex numbers of cumulative sums over cells that are kept in memory. Chosen.
-    phase_degree: degree of the polynomials that approximate the phase of aberrations, and of a
-    stigmatic lens, along a line. Chosen.
-    """
+NODES_PER_CELL = 34
+"""A polynomial of 34 terms approximates exp(i w t) to (e w / 68)^34."""
 
-    cell_phase: float = 16.0
-    nodes_per_cell: int = 34
-    reach_margin: float = 1e-9
-    lines_at_once: int = 32
-    places_at_once: int = 2048
-    max_sums: float = 2e7
-    phase_degree: int = 40
+_REACH_MARGIN = 1e-9
+"""Share of the stop's extent by which the cells reach beyond it, so that the end of a line lies in
+a cell even where rounding moves it outwards; chosen."""
 
+_LINES_AT_ONCE, _PLACES_AT_ONCE = 32, 2048
+"""Lines across the stop that are summed at a time, and positions at the lens for which the light of
+all pixels is computed at a time; chosen."""
 
-SETTINGS = ChainQuadratureSettings()
+_MAX_SUMS = 2e7
+"""Most complex numbers of cumulative sums over cells that are kept in memory; chosen."""
+
+_PHASE_DEGREE = 40
+"""Degree of the polynomials that approximate the phase of aberrations, and of a stigmatic lens,
+along a line; chosen."""
 
 
 def chain_density(
@@ -77,11 +71,9 @@ def chain_density(
 ) -> Array:
     """Return the share of light per square metre, (modulations, y, x), 1/m².
 
-    The share is relative to the light that panel and stop would pass if they stood in one plane,
-    for a point on the axis.
-    modulations: complex, of the pixels of the panel, each (rows, columns).
-    y, x: positions in metres from the geometric image.
-    margin: factor by which nodes are denser than needed.
+    It is relative to the light that panel and stop would pass if they stood in one plane, for a
+    point on the axis. Modulations of the pixels are complex, each (rows, columns); y and x are
+    metres from the geometric image. `margin` is the factor by which nodes are denser than needed.
     """
     field = chain_field(chain, modulations, y, x, margin=margin)
     panel = chain.camera.panel
@@ -98,16 +90,16 @@ def chain_field(
     *,
     margin: float = NODE_MARGIN,
 ) -> Field:
-    """Return the complex field at the sensor, (modulations, y, x).
+    """Return the complex field at the sensor, (modulations, y, x), as `chain_density` is asked.
 
-    The wave on the panel has an amplitude of 1. The arguments are those of `chain_density`.
+    The wave on the panel has an amplitude of 1.
     """
     y, x = y + chain.field[0], x + chain.field[1]
     down, across = (margin * slope for slope in _slopes(chain, y, x))
     line_sum = _LineSum(chain, modulations, x, across)
     found = np.zeros((len(modulations), y.size, x.size), dtype=np.complex128)
     lines = stop_lines(chain.lens.stop, math.hypot(down, across))
-    while batch := list(islice(lines, SETTINGS.lines_at_once)):
+    while batch := list(islice(lines, _LINES_AT_ONCE)):
         heights = np.array([line.height for line in batch]) * chain.radius
         weights = np.array([line.weight for line in batch])
         found += (_sensor_kernel(chain, y, heights) * weights) @ line_sum(batch)
@@ -117,8 +109,8 @@ def chain_field(
 def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
     """Estimate how many lines across the stop, and nodes on each line, are summed."""
     down, across = (NODE_MARGIN * slope for slope in _slopes(chain, y, x))
-    cells = math.ceil(across * chain.stop_extent / chain.radius / SETTINGS.cell_phase)
-    return math.hypot(down, across) * np.pi / 4 + 40, cells * SETTINGS.nodes_per_cell
+    cells = math.ceil(across * chain.stop_extent / chain.radius / _CELL_PHASE)
+    return math.hypot(down, across) * np.pi / 4 + 40, cells * NODES_PER_CELL
 
 
 def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
@@ -152,11 +144,7 @@ def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
 
 
 def _sensor_kernel(chain: ImagingChain, positions: Array, places: Array) -> Field:
-    """Return lens and Fresnel integral to the sensor along one axis, (positions, places).
-
-    positions: on the sensor, metres.
-    places: at the lens, metres.
-    """
+    """Return lens and Fresnel integral along one axis, (positions on the sensor, places there)."""
     lens, wavelength, z2 = chain.lens, chain.wavelength, chain.lens.image_distance
     path = (positions[:, None] - places) ** 2 / z2 - places**2 / lens.focal_length
     return np.asarray(np.exp(1j * np.pi / wavelength * path) / np.sqrt(1j * wavelength * z2))
@@ -171,50 +159,40 @@ class _LineSum:
         self._chain, self._x = chain, x
         self._panel = SphericalWavePixels(chain) if chain.sphere else ParabolicWavePixels(chain)
         self._factors = LowRankModulations([self._panel.source_field(one) for one in modulations])
-        # The cells reach a little beyond the stop, so that the end of a line lies in a cell even
-        # where rounding moves it outwards.
-        reach = chain.stop_extent / chain.radius * (1 + SETTINGS.reach_margin)
-        cell_count = max(1, math.ceil(slope * reach / SETTINGS.cell_phase))
+        reach = chain.stop_extent / chain.radius * (1 + _REACH_MARGIN)
+        cell_count = max(1, math.ceil(slope * reach / _CELL_PHASE))
         self._edges = np.linspace(-reach, reach, cell_count + 1)
-        self._node_count = SETTINGS.nodes_per_cell
-        self._t, self._w = roots_legendre(self._node_count)
+        self._t, self._w = roots_legendre(NODES_PER_CELL)
         self._half = (self._edges[1] - self._edges[0]) / 2
         middles = self._edges[:-1, None] + self._half
         self._nodes = (middles + self._half * self._t).ravel()
         weights = np.tile(self._half * self._w, middles.size)
-        self._panel_field = self._field_from_panel()
-        self._sensor_kernels = (_sensor_kernel(chain, x, self._nodes * chain.radius) * weights).T
+        # The panel's light at the nodes, (nodes, ranks), one for each column of the factored panel,
+        # in pieces, because there are many columns and many nodes.
+        places = self._nodes * chain.radius
+        self._panel_field = np.concatenate(
+            [
+                self._factors.apply_right_factors(self._panel.propagation_matrix(1, piece))
+                for piece in np.array_split(places, math.ceil(places.size / _PLACES_AT_ONCE))
+            ]
+        )
+        self._sensor_kernels = (_sensor_kernel(chain, x, places) * weights).T
         self._sums = self._cumulative_sums() if chain.lens.has_quadratic_phase else None
         # This matrix turns values at the nodes of a cell into the Legendre coefficients of the
         # polynomial through them.
-        degrees = np.arange(self._node_count)[:, None] + 0.5
-        self._fit = degrees * legendre.legvander(self._t, self._node_count - 1).T * self._w
-
-    def _field_from_panel(self) -> Field:
-        """Return the panel's light at the nodes, (nodes, ranks).
-
-        There is one value for each column of the factored panel. The values are computed in pieces,
-        because there are many columns and many nodes.
-        """
-        places = self._nodes * self._chain.radius
-        pieces = np.array_split(places, math.ceil(places.size / SETTINGS.places_at_once))
-        found = [
-            self._factors.apply_right_factors(self._panel.propagation_matrix(1, piece))
-            for piece in pieces
-        ]
-        return np.concatenate(found)
+        degrees = np.arange(NODES_PER_CELL)[:, None] + 0.5
+        self._fit = degrees * legendre.legvander(self._t, NODES_PER_CELL - 1).T * self._w
 
     def _cumulative_sums(self) -> Field | None:
-        """Return sums over the cells up to each edge, (edges, ranks, x).
+        """Return sums over the cells up to each edge, (edges, ranks, x), which all lines share.
 
-        All lines share them where the phase of the lens separates along y and x. None if the sums
-        take too much memory.
+        None if they take too much memory.
         """
         cells, ranks, places = self._edges.size - 1, self._panel_field.shape[1], self._x.size
-        if cells * ranks * places > SETTINGS.max_sums:
+        if cells * ranks * places > _MAX_SUMS:
             return None
-        seen = self._panel_field.reshape(cells, self._node_count, ranks).swapaxes(1, 2)
-        each = seen @ self._sensor_kernels.reshape(cells, self._node_count, places)
+        seen = self._panel_field.reshape(cells, NODES_PER_CELL, ranks).swapaxes(1, 2)
+        each = seen @ self._sensor_kernels.reshape(cells, NODES_PER_CELL, places)
         return np.concatenate([np.zeros_like(each[:1]), np.cumsum(each, axis=0)])
 
     def __call__(self, lines: list[StopLine]) -> Field:
@@ -227,7 +205,7 @@ class _LineSum:
         else:
             found = self._cell_by_cell(lines, rows, self._sums)
         number, cell, ends = self._partial_cell_weights(lines, bent)
-        cells = self._panel_field.reshape(-1, self._node_count, self._panel_field.shape[1])
+        cells = self._panel_field.reshape(-1, NODES_PER_CELL, self._panel_field.shape[1])
         for one, part in zip(found, self._factors.parts, strict=True):
             for n, c, end in zip(number, cell, ends, strict=True):
                 one[n] += end @ (cells[c, :, part] @ rows[n, part])
@@ -265,14 +243,11 @@ class _LineSum:
         found = np.zeros(self._nodes.size, dtype=bool)
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
-            found[first * self._node_count : max(first, last) * self._node_count] = True
+            found[first * NODES_PER_CELL : max(first, last) * NODES_PER_CELL] = True
         return found
 
     def _partial_cells(self, line: StopLine) -> Iterator[tuple[int, float, float]]:
-        """Yield the open parts of a line outside fully open cells.
-
-        Each item is the index of the cell, and the ends of the part in stop radii.
-        """
+        """Yield a line's open parts outside fully open cells: the cell, and the ends in radii."""
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
             if last < first:
@@ -288,8 +263,8 @@ class _LineSum:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Field]:
         """Return line, cell and quadrature weights of every open part of a partly open cell.
 
-        The weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate
-        the polynomial through these values.
+        The weights, (pieces, x, nodes), integrate the polynomial through the wave at the cell's
+        nodes.
         """
         pieces = [
             (n, *piece) for n, line in enumerate(lines) for piece in self._partial_cells(line)
@@ -300,7 +275,7 @@ class _LineSum:
         half = (high - low)[:, None] / 2
         nodes = low[:, None] + half * (1 + self._t)
         inside = (nodes - self._edges[cell][:, None]) / self._half - 1
-        between = legendre.legvander(inside, self._node_count - 1) @ self._fit
+        between = legendre.legvander(inside, NODES_PER_CELL - 1) @ self._fit
         onward = _sensor_kernel(self._chain, self._x, nodes.ravel() * self._chain.radius)
         onward = onward.reshape(-1, *nodes.shape).swapaxes(0, 1)
         passed = (
@@ -311,29 +286,28 @@ class _LineSum:
         return number, cell, (onward * passed[:, None]) @ between
 
     def _phase_coefficients(self, heights: Array) -> Array | None:
-        """Return Chebyshev coefficients of the lens's phase along each line.
+        """Return Chebyshev coefficients along each line of what the lens adds to a quadratic phase.
 
-        The phase is what differs from that of a thin lens without aberrations: the aberrations, and
-        the difference between a stigmatic and a thin lens. Along a line it is a polynomial, or well
-        approximated by one. None for a lens whose phase is quadratic.
+        That is the aberrations, and the difference between a stigmatic and a thin lens: along a
+        line a polynomial, or well approximated by one. None for a lens of quadratic phase.
         """
         chain, lens = self._chain, self._chain.lens
         if lens.has_quadratic_phase:
             return None
         whole = chain.distance + chain.camera.separation
-        some = self._edges[-1] * chebyshev.chebpts1(SETTINGS.phase_degree + 1)
+        some = self._edges[-1] * chebyshev.chebpts1(_PHASE_DEGREE + 1)
         phases = [pupil_phase(lens, whole, chain.wavelength, float(h), some) for h in heights]
         r2 = (heights[:, None] ** 2 + some**2) * chain.radius**2
         thin = np.pi / chain.wavelength * (1 / whole - 1 / lens.focus_distance) * r2
         return np.linalg.solve(self._vander(some), (np.stack(phases) - thin).T)
 
     def _vander(self, nodes: Array) -> Array:
-        return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], SETTINGS.phase_degree))
+        return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], _PHASE_DEGREE))
 
     def _lens_factor(self, coefficients: Array | None, nodes: Array) -> Field | Array:
         """Return the lens's factor without its quadratic phase, (lines, nodes).
 
-        nodes: common to all lines, (nodes,), or different from line to line, (lines, nodes).
+        nodes: common to all lines, (nodes,), or of each line, (lines, nodes).
         """
         if coefficients is None:
             return np.ones((1, nodes.shape[-1]))

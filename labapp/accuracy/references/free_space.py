@@ -21,9 +21,9 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Places:
-    """Positions (y, x) in metres at which the field is computed.
+    """Positions at which the field is computed, and their distance from the source plane; metres.
 
-    distance: from the source plane, metres; a negative one goes back.
+    A negative distance goes back.
     """
 
     y: Real
@@ -34,12 +34,9 @@ class Places:
 
 @dataclass(frozen=True)
 class Gaussian:
-    """A Gaussian beam in the source plane, tilted by a spatial frequency.
+    """A Gaussian beam in the source plane, tilted by a spatial frequency; SI units.
 
     Its field is strength exp(-|(u - middle) / width|² + 2 pi i frequency (u - middle)).
-    middle: (y, x), metres.
-    frequency: (y, x), cycles per metre.
-    width: metres.
     """
 
     strength: complex
@@ -110,9 +107,8 @@ Light = SmoothLight | CellLight
 def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
     """Return the field at some places, (places,), without the factor exp(ikz).
 
-    It is within about 1e-10 of the integral.
-    places: at most some hundred: in the scalar model each takes a sum over all nodes.
-    paraxial: whether the Fresnel kernel is used instead of the Rayleigh-Sommerfeld kernel.
+    It is within about 1e-10 of the integral. In the scalar model each place takes a sum over all
+    nodes; the paraxial one uses the Fresnel kernel.
     """
     (y, wy), (x, wx) = (_quadrature_rule(light, places, axis, paraxial=paraxial) for axis in (0, 1))
     if paraxial:
@@ -180,10 +176,7 @@ def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> 
 
 
 def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
-    """Return Gauss-Legendre nodes and weights of each part.
-
-    The parts are equally long and together span -1 to 1.
-    """
+    """Return Gauss-Legendre nodes and weights of parts of one length, which span -1 to 1."""
     found = []
     for number, count in enumerate(counts):
         nodes, weights = np.polynomial.legendre.leggauss(count)
@@ -193,10 +186,7 @@ def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
 
 
 def _fresnel(away: Real, places: Places) -> Complex:
-    """Return the Fresnel kernel along one axis.
-
-    The product of both axes is exp(i pi r² / (wavelength z)) / (i wavelength z).
-    """
+    """Return one axis' factor of the kernel exp(i pi r² / (wavelength z)) / (i wavelength z)."""
     scale = places.wavelength * places.distance
     root = np.sqrt(complex(1j * scale))
     return np.asarray(np.exp(1j * np.pi / scale * away**2) / root)

@@ -165,9 +165,7 @@ class SphericalWavePixels:
 class LowRankModulations:
     """Several modulations of a panel, each factored into two matrices of low rank where possible.
 
-    left: (rows, ranks).
-    parts: slices of its columns that belong to each modulation; they hold for the columns of
-    `apply_right_factors` as well.
+    left: (rows, ranks). parts: the columns of each modulation, there and of `apply_right_factors`.
     """
 
     def __init__(self, modulations: Sequence[Field]) -> None:
@@ -183,10 +181,7 @@ class LowRankModulations:
 
 
 def _low_rank_factors(modulation: Field) -> tuple[Field, Field | None]:
-    """Factor a modulation into (rows, rank) and (columns, rank).
-
-    The second factor is None where factoring saves nothing; it stands for the identity.
-    """
+    """Factor a modulation into (rows, rank) and (columns, rank); None where that saves nothing."""
     rows, columns = modulation.shape
     corner = modulation[:20, :20]
     if np.linalg.matrix_rank(corner) == min(corner.shape):

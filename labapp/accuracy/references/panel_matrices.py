@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.accuracy.references.coverage import open_area_shares
-from labapp.accuracy.references.lens_integral import sample_positions
+from labapp.accuracy.references.lens_integral import open_area_shares, sample_positions
 from optics.camera import Camera
 from optics.plane import Plane
 
@@ -45,7 +44,6 @@ class PanelMatrices:
 
     @cached_property
     def _matrices(self) -> tuple[Field, Field]:
-        """The integrals over panel pixels along y and x, (samples, pixels) each."""
         return self._integrals(0), self._integrals(1)
 
     def _integrals(self, axis: int) -> Field:
@@ -68,11 +66,7 @@ class PanelMatrices:
         return np.asarray(self._factor * (field.real**2 + field.imag**2))
 
     def gradient(self, phase: Array, weights: Array) -> Array:
-        """Return the gradient in the phase of the sum of weights times the PSF, (rows, columns).
-
-        phase: on the panel, (rows, columns), radians.
-        weights: of the window's pixels, (rows, columns).
-        """
+        """Return the gradient in the panel's phase of the sum of weights times the PSF."""
         y, x = self._matrices
         modulation = self._modulation(phase)
         back = y.T @ (weights * self._field(modulation).conj()) @ x

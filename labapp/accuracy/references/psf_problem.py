@@ -1,6 +1,7 @@
-"""A PSF problem for a lens, or for a panel in the plane of its lens, with its reference.
+"""PSF problems that methods are compared on, with their references.
 
-The reference is the exact light on some of the samples.
+A problem is that of a lens, of a panel in the plane of its lens, or of one apart from it. The
+reference is the exact light on some of the samples.
 """
 
 from __future__ import annotations
@@ -14,28 +15,31 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.accuracy.references.coverage import open_area_shares
+from labapp.accuracy.references.chain_integral import (
+    NODES_PER_CELL,
+    chain_density,
+    line_and_node_counts,
+)
 from labapp.accuracy.references.lens_integral import (
     lens_psf_density,
     node_count,
+    open_area_shares,
     pupil_phase,
     sample_positions,
 )
-from labapp.accuracy.references.samples import draw_samples
+from labapp.accuracy.references.panel_integral import ImagingChain, LowRankModulations
 from optics.camera import Camera, Lens
 from optics.plane import Plane
-from optics.psf import METHODS, PANEL_METHODS, PSFOperator
+from optics.psf import CHAIN_METHODS, METHODS, PANEL_METHODS, PSFOperator
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class PSFProblem:
-    """A PSF problem that methods are compared on.
+    """A PSF problem of a lens, or of a panel in the plane of its lens, on a window of pixels.
 
-    optics: a camera whose panel stands in the plane of its lens, or a lens alone.
     distance, wavelength: metres.
-    pixels: window on the sensor.
     integrate: whether the light is integrated over pixels, or taken at their centres.
     tol: requested relative L2 error.
     phase: on the panel, radians; None for a lens alone.
@@ -75,10 +79,7 @@ class PSFProblem:
         return np.asarray(answer, dtype=np.float64)
 
     def build_reference(self, light: Array) -> PSFReference:
-        """Return the exact light on some samples, drawn more often where `light` is bright.
-
-        light: an approximate PSF.
-        """
+        """Return exact light on samples, drawn more often where an approximate PSF is bright."""
         return PSFReference(self, light)
 
 
@@ -126,10 +127,7 @@ class PSFReference:
         )
 
     def weighted_samples(self, light: Array) -> Array:
-        """Return a PSF's weighted samples on the compared rows and columns.
-
-        Their norm estimates that of the whole PSF.
-        """
+        """Return a PSF's compared samples, weighted so that their norm estimates that of all."""
         return self._apply_weights(light[np.ix_(self._rows, self._columns)])
 
     def _apply_weights(self, samples: Array) -> Array:
@@ -185,36 +183,138 @@ class PSFReference:
         return math.ceil(2 * waves) + 6
 
     def density_behind_panel(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
-        """Return the share of light per square metre behind a panel in its lens's plane, (y, x).
-
-        Every open pixel of the panel is a square of one modulation.
-        """
+        """Return the light per square metre behind a panel of square pixels at its lens, (y, x)."""
         panel, lens, problem = camera.panel, camera.lens, self._problem
         scale, radius = problem.wavelength * lens.image_distance, lens.stop_diameter / 2
         nodes, weights = np.polynomial.legendre.leggauss(self._panel_nodes())
         inside, weights = nodes * panel.active_side / 2, weights * panel.active_side / 2
         amplitude = open_area_shares(lens.stop, radius, panel.plane)
-        modulation = amplitude * np.exp(1j * phase)
+        modulation = np.repeat(amplitude * np.exp(1j * phase), inside.size, axis=1)
         v, u = (sample_positions(panel.plane, axis) for axis in (0, 1))
         field = np.zeros((y.size, x.size), dtype=np.complex128)
-        across = np.exp(-2j * np.pi / scale * np.outer((u[:, None] + inside).ravel(), x))
+        u = (u[:, None] + inside).ravel()
+        across = np.exp(-2j * np.pi / scale * np.outer(u, x))
         for dv, weight in zip(inside, weights, strict=True):
-            wave = np.repeat(modulation, inside.size, axis=1) * np.tile(weights, u.size)
-            wave *= np.exp(1j * self._pupil_phases(v + dv, (u[:, None] + inside).ravel()))
+            wave = modulation * np.tile(weights, panel.shape[1])
+            heights = (v + dv) / radius
+            rows = [
+                pupil_phase(lens, problem.distance, problem.wavelength, float(h), u / radius)
+                for h in heights
+            ]
+            wave *= np.exp(1j * np.stack(rows))
             down = np.exp(-2j * np.pi / scale * np.outer(y, v + dv))
             field += weight * (down @ (wave @ across))
         power = amplitude.sum() * panel.active_side**2
         return np.asarray(np.abs(field) ** 2 / (scale**2 * power))
 
-    def _pupil_phases(self, v: Array, u: Array) -> Array:
-        problem, radius = self._problem, self._problem.lens.stop_diameter / 2
-        rows = [
-            pupil_phase(problem.lens, problem.distance, problem.wavelength, float(h), u / radius)
-            for h in v / radius
-        ]
-        return np.stack(rows)
-
 
 def window_corner_distance(problem: PSFProblem) -> float:
     """Return the distance from the axis to the window's farthest corner, in metres."""
     return math.hypot(*(np.abs(sample_positions(problem.pixels, axis)).max() for axis in (0, 1)))
+
+
+@dataclass(frozen=True)
+class ChainProblem(PSFProblem):
+    """A PSF problem for a camera whose panel may stand apart from its lens.
+
+    off_axis: position (y, x) of the point's image on the sensor, from the axis, metres.
+    sphere: whether the wave of the point is an exact sphere instead of a parabola.
+    """
+
+    off_axis: tuple[float, float] = (0.0, 0.0)
+    sphere: bool = False
+
+    @property
+    def camera(self) -> Camera:
+        assert isinstance(self.optics, Camera)
+        return self.optics
+
+    @property
+    def chain(self) -> ImagingChain:
+        return ImagingChain(self.camera, self.distance, self.wavelength, self.off_axis, self.sphere)
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        return CHAIN_METHODS if self.camera.separation else super().methods
+
+    def operator(self, tol: float, **settings: Any) -> PSFOperator:
+        return super().operator(tol, field=self.off_axis, sphere=self.sphere, **settings)
+
+    def build_reference(self, light: Array) -> PSFReference:
+        return ChainReference(self, light) if self.camera.separation else PSFReference(self, light)
+
+    @property
+    def description(self) -> str:
+        """The problem in one line, for reports."""
+        camera, lens, pixels = self.camera, self.lens, self.pixels
+        rows, columns = camera.panel.shape
+        return (
+            f"{rows}x{columns} of {camera.panel.pitch * 1e6:.3g} µm, fill "
+            f"{camera.panel.fill_factor:.2f}, z1 {camera.separation * 1e3:.3g} mm, "
+            f"{lens.focal_length * 1e3:.3g} mm f/{lens.f_number:.3g} (stop "
+            f"{lens.stop_diameter * 1e3:.3g} mm, {lens.kind}), focus {lens.focus_distance:.3g} m, "
+            f"d {self.distance:.3g} m, {self.wavelength * 1e9:.0f} nm, field "
+            f"{self.off_axis[0] * 1e3:.3g}, {self.off_axis[1] * 1e3:.3g} mm, window "
+            f"{pixels.shape[0]}x{pixels.shape[1]} of {pixels.pitch[0] * 1e6:.3g} µm, integrate "
+            f"{self.integrate}, sphere {self.sphere}, aberrations {len(lens.aberrations)}, "
+            f"tol {self.tol:.1e}"
+        )
+
+
+class ChainReference(PSFReference):
+    """The exact light of a chain on some rows and columns of the window."""
+
+    _problem: ChainProblem
+
+    @property
+    def product_count(self) -> float:
+        """Estimated number of products that the exact light takes."""
+        # Costs of a Fresnel integral, of an exponential, and of a line besides both, as the number
+        # of products that take the same time.
+        fresnel_cost, exponential_cost, line_cost = 1000, 500, 2e6
+        (y, x), problem = self._node_positions(), self._problem
+        lines, nodes = line_and_node_counts(problem.chain, y, x)
+        rows, columns = problem.camera.panel.shape
+        ranks = LowRankModulations(self._modulations()).left.shape[1]
+        if problem.sphere:
+            inside = problem.chain.nodes_per_pixel
+            rows, columns, ranks = rows * inside, columns * inside, ranks * inside
+            place = exponential_cost
+        else:
+            place = 2 * fresnel_cost
+        line = rows * (ranks + place) + line_cost
+        if problem.lens.has_quadratic_phase:
+            line += ranks * (2 * NODES_PER_CELL + x.size)
+        else:
+            line += nodes * (ranks + x.size + exponential_cost)
+        return lines * line + nodes * columns * place
+
+    def _modulations(self) -> list[NDArray[np.complex128]]:
+        """Return the pattern's modulation, and then that of unmodulated light, if there is any."""
+        assert self._problem.phase is not None
+        shown = np.exp(1j * self._problem.phase)
+        return [shown, np.ones_like(shown)] if self._problem.camera.panel.unmodulated else [shown]
+
+    def density(self, y: Array, x: Array) -> Array:
+        """Return exact shares of the light at y and x, (y, x), per m²."""
+        share = self._problem.camera.panel.unmodulated
+        found = chain_density(self._problem.chain, self._modulations(), y, x)
+        return np.asarray((1 - share) * found[0] + share * found[-1])
+
+
+def draw_samples(
+    rng: np.random.Generator, light: Array, count: int
+) -> tuple[NDArray[np.int64], Array]:
+    """Draw samples of a picture's light; return flat indices and weights.
+
+    Half of a sample's probability is in proportion to its light, and half the same for all. Weights
+    are the inverse probabilities: a weighted sum over the drawn samples estimates that over all.
+    """
+    light = light.ravel()
+    if light.size <= count:
+        return np.arange(light.size), np.ones(light.size)
+    chance = np.full(light.size, 1 / light.size)
+    if light.sum() > 0:
+        chance = 0.5 * chance + 0.5 * light / light.sum()
+    chosen = rng.choice(light.size, count, p=chance / chance.sum())
+    return chosen, 1 / chance[chosen]

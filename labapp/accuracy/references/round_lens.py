@@ -16,8 +16,7 @@ def round_lens_psf(
 ) -> Picture:
     """Return the shares of light on a square window: density at a pixel's centre times its area.
 
-    The Hankel integral is computed at the radius of every pixel, with at least three Gauss-Legendre
-    nodes for every two radians.
+    The Hankel integral at a pixel's radius has three Gauss-Legendre nodes or more for two radians.
     """
     outer, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     vergence = 1 / distance - 1 / lens.focus_distance
