@@ -7,7 +7,8 @@ from pathlib import Path
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
 from labapp.bench.camera_match import require_described_camera, require_described_size
-from labapp.bench.opening import BenchFiles, BenchSetup, OpenDevice, device_maker, open_device
+from labapp.bench.driver_loading import device_maker
+from labapp.bench.opening import BenchFiles, BenchSetup, OpenDevice, open_device
 from labapp.bench.selftest.checks import describe_error, identity_text
 from labapp.common.console import out, print_json, print_table, terminal_progress
 

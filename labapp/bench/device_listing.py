@@ -19,7 +19,8 @@ def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> No
     # Cameras on the network have a second to answer, in which the bench is loaded and opened.
     with ThreadPoolExecutor(1) as aside:
         search = aside.submit(_ports)
-        from labapp.bench.opening import BenchFiles, installed_drivers
+        from labapp.bench.driver_loading import installed_drivers
+        from labapp.bench.opening import BenchFiles
 
         setup = BenchFiles.with_defaults(bench, scene).read()
         roles = list(setup.bench.devices.tables)

@@ -19,8 +19,14 @@ from labapp.files.plan_file import NamedPlan, PlanFile
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.writing import make_folder
 from labapp.runs.acquisition.attendance import AskOperator, Attendance
-from labapp.runs.acquisition.queue import RunRequest, run_all
-from labapp.runs.acquisition.runner import RunOutcome, hold_record, resume_run, run_plan
+from labapp.runs.acquisition.runner import (
+    RunOutcome,
+    RunRequest,
+    hold_record,
+    resume_run,
+    run_all,
+    run_plan,
+)
 from labapp.runs.keyboard import open_keyboard
 from labapp.runs.record.reader import Record, file_sha256
 from labapp.runs.shots import Shot

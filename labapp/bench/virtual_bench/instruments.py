@@ -10,6 +10,7 @@ from typing import Any, cast
 
 from drivers.interfaces import Clock
 from labapp.bench.virtual_bench.shared_world import SharedWorld
+from simulator.machines.cs2000 import CS2000Machine
 from simulator.machines.machine import SerialMachine
 from simulator.wire.fake_gige import CAMERA_FAULT_KINDS as CAMERA_KINDS
 from simulator.wire.fake_gige import CameraFault, CameraFaultKind, FakeGigECamera
@@ -98,3 +99,10 @@ def gige_instrument(
         camera.inject(CameraFault(cast(CameraFaultKind, kind), clock.now(), seconds))
 
     return ServedInstrument("aravis-camera", options, CAMERA_KINDS, fail, camera.clear_faults)
+
+
+def serve_spectroradiometer(site: ServingContext) -> ServedInstrument:
+    """Serve a simulated CS-2000 until the site's stack is left."""
+    machine = CS2000Machine(site.shared.radiance)
+    # A pseudo-terminal has no control lines, so that hardware flow control isn't possible.
+    return serve_on_serial_line(site, "cs2000", machine, 115200, rtscts=False)

@@ -3,26 +3,67 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from drivers.clock import RealClock
 from labapp.bench.opening import BenchFiles, BenchSetup, build_world, read_scene
-from labapp.bench.virtual_bench.bench_text import bench_text
 from labapp.bench.virtual_bench.cameras import serve_camera
-from labapp.bench.virtual_bench.command_input import catch_stop_requests, read_commands
-from labapp.bench.virtual_bench.command_interpreter import CommandInterpreter
+from labapp.bench.virtual_bench.command_interpreter import (
+    CommandInterpreter,
+    catch_stop_requests,
+    read_commands,
+)
 from labapp.bench.virtual_bench.filters import FILTERS, serve_filter
-from labapp.bench.virtual_bench.instruments import ServedInstrument, ServingContext
+from labapp.bench.virtual_bench.instruments import (
+    ServedInstrument,
+    ServingContext,
+    serve_spectroradiometer,
+)
 from labapp.bench.virtual_bench.panels import serve_panel
 from labapp.bench.virtual_bench.shared_world import SharedWorld
-from labapp.bench.virtual_bench.spectroradiometers import serve_spectroradiometer
 from labapp.common.console import print_message
 from labapp.common.errors import UserError
 from labapp.common.plain_text import printable, shell_word
-from labapp.files.bench_file import read_bench
+from labapp.files.bench_file import BenchFile, read_bench
+from labapp.files.plan_folder import as_toml
 from labapp.files.writing import make_folder, require_writable, write_atomically
+
+_HEAD = """\
+# A virtual bench behind its wires: real drivers, and instruments that are simulated.
+# Its ports are there while `labapp virtual-bench serve` runs.
+"""
+
+
+def bench_text(
+    bench: BenchFile, served: Mapping[str, ServedInstrument], targets: Sequence[str]
+) -> str:
+    """Return the bench file of served instruments as TOML.
+
+    Devices that aren't served keep their tables from `bench`.
+    """
+    data = bench.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    devices = data.pop("devices")
+    data["name"] = f"{bench.name}, behind its wires"
+    text = _HEAD
+    for role in {**devices, **served}:
+        if role == "targets":
+            table = _device_table("manual-targets", {"names": list(targets)})
+        elif one := served.get(role):
+            table = _device_table(one.driver, one.options)
+        else:
+            text += f"# The {role} isn't served: it is the one that the bench file had.\n"
+            table = devices[role]
+        data[f"devices.{role}"] = table
+    return text + as_toml(data)
+
+
+def _device_table(driver: str, options: dict[str, Any]) -> dict[str, Any]:
+    return {"driver": driver, "options": options, "simulated": True}
+
 
 _KINDS = {
     "filter": FILTERS,

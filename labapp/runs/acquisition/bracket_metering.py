@@ -18,9 +18,8 @@ from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.frame_taker import FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.bench_interface import Bench
-from labapp.runs.brackets.choice import settle_block
+from labapp.runs.brackets.choice import bracket_limits, settle_block
 from labapp.runs.brackets.clip_remarks import clip_remark
-from labapp.runs.brackets.limits import bracket_limits
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.shots import Shot
 from labapp.runs.steps import planned_settings

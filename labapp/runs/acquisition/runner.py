@@ -1,9 +1,9 @@
-"""Run a plan on a bench, or resume a run, for the window, the command line and Python."""
+"""Run plans on a bench, one or several in turn, or resume a run."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from math import prod
@@ -43,8 +43,10 @@ __all__ = [
     "Attendance",
     "HeldRecord",
     "RunOutcome",
+    "RunRequest",
     "hold_record",
     "resume_run",
+    "run_all",
     "run_plan",
 ]
 
@@ -285,3 +287,68 @@ def _require_same_bench(record: Record, bench: Bench, listed: ShotList) -> None:
             f"{record.path}: this bench differs from the one that the run was begun on. "
             "Leave --bench out to resume it on its own."
         )
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What to execute: plan, path of the record, the plan's name in errors, and its folder."""
+
+    plan: PlanFile
+    path: Path
+    source: str = "plan"
+    folder: Path = Path()
+
+
+def run_all(
+    bench: Bench,
+    requests: Sequence[RunRequest],
+    attendance: Attendance | None = None,
+    *,
+    force: bool = False,
+    on_outcome: Callable[[RunOutcome], None] = lambda outcome: None,
+) -> list[RunOutcome]:
+    """Execute several plans in turn; the next begins even if one fails.
+
+    Each is executed by run_plan(). Cancelling ends the present run and the queue, and so does a
+    wait that nobody has ended in time. Raises UserError, before anything has moved, if one of the
+    plans can't be executed, or two share a record.
+
+    on_outcome: called with the outcome of each run.
+    """
+    attendance = attendance or Attendance()
+    progress = attendance.progress
+    seconds = _require_all(bench, requests, force)
+    total = sum(seconds) or 1.0
+    outcomes: list[RunOutcome] = []
+    for number, request in enumerate(requests):
+        part = progress.part(sum(seconds[:number]) / total, sum(seconds[: number + 1]) / total)
+        outcome = run_plan(
+            bench,
+            request.plan,
+            request.path,
+            replace(attendance, progress=part),
+            source=request.source,
+            folder=request.folder,
+            force=force,
+        )
+        outcomes.append(outcome)
+        on_outcome(outcome)
+        if outcome.state is State.CANCELLED or outcome.waited_too_long:
+            break
+    return outcomes
+
+
+def _require_all(bench: Bench, requests: Sequence[RunRequest], force: bool) -> list[float]:
+    """Check all requests; return the expected seconds of each."""
+    abilities = BenchCapabilities.of(bench)
+    paths = [request.path.resolve() for request in requests]
+    seconds = []
+    for request, path in zip(requests, paths, strict=True):
+        if paths.count(path) > 1:
+            raise UserError(f"{request.path}: two runs would write it. Give each its own name.")
+        sensor = bench.description.sensor
+        possible = expected_plan(request.plan, abilities, sensor, request.source)
+        listed = feasible_shots(possible, abilities, request.source)
+        require_writable(request.path, force=force)
+        seconds.append(estimate_run(listed, possible, abilities).seconds)
+    return seconds

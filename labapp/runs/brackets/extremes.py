@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import Acquisition, PlanFile
-from labapp.runs.brackets.choice import settle_block
-from labapp.runs.brackets.limits import bracket_limits, wanted_snr
+from labapp.runs.brackets.choice import bracket_limits, settle_block, wanted_snr
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.steps import planned_settings
 from optics.camera import Sensor

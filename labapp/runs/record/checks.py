@@ -26,8 +26,7 @@ from labapp.files.frame_list import format_frame_list
 from labapp.files.plan_file import ROLES
 from labapp.runs.frame_acceptance import EXPOSURE_TOLERANCE, WAVELENGTH_TOLERANCE
 from labapp.runs.record import layout
-from labapp.runs.record.copy_check import check_copy
-from labapp.runs.record.digest_checks import check_closing, check_links, check_log
+from labapp.runs.record.digest_checks import check_closing, check_copy, check_links, check_log
 from labapp.runs.record.reader import Record, file_sha256
 from labapp.runs.record.verification import (
     RecordFinding,

@@ -40,7 +40,7 @@ from labapp.runs.record.digests import (
     packed_digest,
     structure_digest,
 )
-from labapp.runs.record.mending import mend_from_copy, renew_proved_copy
+from labapp.runs.record.mending import mend_from_copy, mend_torn_end, renew_proved_copy
 from labapp.runs.record.place_table import (
     PlaceTable,
     TableError,
@@ -50,7 +50,6 @@ from labapp.runs.record.place_table import (
     write_all,
 )
 from labapp.runs.record.second_copy import read_either_table
-from labapp.runs.record.torn_end import mend_torn_end
 from labapp.runs.steps import planned_shots
 
 Digests = Callable[[int], tuple[bytes, bytes]]
