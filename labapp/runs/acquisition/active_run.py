@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,7 @@ from drivers.interfaces import Frame
 from labapp.common.errors import UserError, WaitedTooLong
 from labapp.files.plan_file import PlanFile
 from labapp.files.write_locks import has_path, is_deleted
-from labapp.runs.acquisition.attendance import AskOperator, Attendance, JudgeFrame
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.frame_storage import FrameStore, require_full
 from labapp.runs.acquisition.frame_taker import FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
@@ -35,7 +34,6 @@ from optics.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
     from labapp.runs.acquisition.scene_watch import SceneWatch
-    from labapp.runs.frame_doubts import FrameDoubts
     from optics.camera import Camera as CameraDescription
 
 log = logging.getLogger(__name__)
@@ -98,7 +96,7 @@ class ActiveRun:
     ) -> None:
         self._bench, self._plan, self._path, self._lock = bench, plan, path, lock
         self._hooks, self._attendance, self._progress = hooks, attendance, attendance.progress
-        ask = self._pausing_while_asked(attendance.ask) if attendance.ask else None
+        ask = self._ask if attendance.ask else None
         self._taker = FrameTaker(
             bench, patterns, plan.seed, plan.retry, ask, self._progress, self._is_cancelled
         )
@@ -119,10 +117,15 @@ class ActiveRun:
             logbook(self._writer, self._bench.clock) as self._logbook,
         ):
             as_planned = not self._bench.file.is_real
-            keeper = FrameStore(self._writer, as_planned, self._pause)
-            self._doubts = _build_doubts(self._plan, self._bench, shots)
+            self._store = FrameStore(self._writer, as_planned, self._pause)
+            # What judges frames is loaded only once frames are taken.
+            from labapp.runs.frame_doubts import FrameDoubts
+
+            self._doubts = FrameDoubts(
+                self._plan, _camera_as_metered(self._plan, self._bench), shots
+            )
             self._expected = ShotList.of(shots).total_duration
-            state, message = self._take_all(shots, keeper, is_resumed)
+            state, message = self._take_all(shots, is_resumed)
             if has_path(self._writer.handle, self._path):
                 outcome = self._verify_outcome(state, message, is_resumed)
                 if has_path(self._writer.handle, self._path):
@@ -130,13 +133,8 @@ class ActiveRun:
                 message = outcome.message
             return self._outcome_elsewhere(message)
 
-    def _take_all(
-        self, listed: Sequence[Shot], keeper: FrameStore, again: bool
-    ) -> tuple[State, str]:
-        """Take all frames of the run, and leave its bench safe whatever happens.
-
-        Return the state in which the run ended, and the reason.
-        """
+    def _take_all(self, listed: Sequence[Shot], again: bool) -> tuple[State, str]:
+        """Take all frames, leave the bench safe whatever happens; return the state and reason."""
         state, message = State.FAILED, ""
         try:
             self._note_state(State.RUNNING)
@@ -158,7 +156,7 @@ class ActiveRun:
             self._hooks.call("before_run", listed)
             with self._unplug_monitor, self._bench.cancellable_by(self._is_cancelled):
                 for shot in listed:
-                    self._take_one(shot, keeper)
+                    self._take_one(shot)
             state, message = State.COMPLETE, "; ".join(self._changes)
         except (Cancelled, KeyboardInterrupt):
             state = State.CANCELLED
@@ -185,18 +183,18 @@ class ActiveRun:
             return State.FAILED, str(error)
         return state, message
 
-    def _take_one(self, shot: Shot, keeper: FrameStore) -> None:
+    def _take_one(self, shot: Shot) -> None:
         """Take one frame of the run, after waiting for pauses, disk space and hooks."""
         self._report(_describe(shot))
         if self._progress.is_paused:
             text, is_over = "paused by the user", lambda: not self._progress.is_paused
             self._pause(text, is_over, self._attendance.meanwhile or Idle(), math.inf)
-        keeper.wait_for_space()
+        self._store.wait_for_space()
         if is_deleted(self._writer.handle):
             raise UserError(_FILE_LOST)
         self._hooks.call("before_frame", shot)
         began, rested = self._bench.clock.now(), self._rested
-        frame = self._take_with_recovery(shot, keeper)
+        frame = self._take_with_recovery(shot)
         self._took += self._bench.clock.now() - began - (self._rested - rested)
         self._done += shot.duration
         if self._watch and (change := self._watch.compare(shot, frame)):
@@ -206,10 +204,10 @@ class ActiveRun:
         if self._attendance.on_frame is not None:
             self._attendance.on_frame(shot, frame)
 
-    def _take_with_recovery(self, shot: Shot, keeper: FrameStore) -> Frame:
+    def _take_with_recovery(self, shot: Shot) -> Frame:
         while True:
             try:
-                return self._taker.take(shot, partial(self._store, keeper))
+                return self._taker.take(shot, self._keep)
             except _TakeAgain:
                 self._taker.invalidate_settings()
             except DeviceError as error:
@@ -219,35 +217,24 @@ class ActiveRun:
                 text = f"{error}. Mend it, then let the run go on"
                 self._pause(text, lambda: not self._progress.is_paused)
 
-    def _store(
-        self, keeper: FrameStore, shot: Shot, frame: Frame, wavelength: float, attempt: int
-    ) -> None:
+    def _keep(self, shot: Shot, frame: Frame, wavelength: float, attempt: int) -> None:
         """Store a frame of the run, unless a person doubts it and wants it to be taken again."""
         doubt = self._doubts.doubt(shot, shot.readout.whole_numbers(frame.image))
         if doubt:
             log.warning("frame %d is doubted: %s", shot.index, doubt)
-            judge = self._attendance.judge
-            if judge is not None and not self._keeps(judge, doubt, shot, frame):
-                raise _TakeAgain
+            if (judge := self._attendance.judge) is not None:
+                with self._paused_for_answer(doubt):
+                    kept = judge(doubt, shot, frame, self._progress)
+                log.info("kept by a person" if kept else "taken again")
+                if not kept:
+                    raise _TakeAgain
             self._doubts.settle(shot)
-        keeper.store_frame(shot, frame, wavelength, attempt)
-
-    def _keeps(self, judge: JudgeFrame, doubt: str, shot: Shot, frame: Frame) -> bool:
-        """Return whether a person keeps a frame that the run doubts; the run pauses meanwhile."""
-        self._note_state(State.PAUSED, doubt)
-        self._report(doubt)
-        with self._excluding_time():
-            kept = judge(doubt, shot, frame, self._progress)
-        self._progress.raise_if_cancelled()
-        self._note_state(State.RUNNING)
-        log.info("kept by a person" if kept else "taken again")
-        return kept
+        self._store.store_frame(shot, frame, wavelength, attempt)
 
     def _is_cancelled(self) -> bool:
-        """Return whether the run was cancelled, and report a device unplugged during the run.
+        """Return whether the run was cancelled, and report a device that was unplugged.
 
-        This is called all the time while the run waits for devices, which is when the user must
-        be told that one was unplugged.
+        This is called all the time while the run waits for devices.
         """
         unplugged = self._unplug_monitor.message
         if unplugged != self._unplugged:
@@ -304,18 +291,20 @@ class ActiveRun:
         finally:
             self._rested += self._bench.clock.now() - began
 
-    def _pausing_while_asked(self, ask: AskOperator) -> AskOperator:
-        """Return a prompter that sets the run to PAUSED until the user has answered."""
+    @contextmanager
+    def _paused_for_answer(self, question: str) -> Iterator[None]:
+        """Set the run to PAUSED while a person is asked in the block."""
+        self._note_state(State.PAUSED, question)
+        self._report(question)
+        with self._excluding_time():
+            yield
+        self._progress.raise_if_cancelled()
+        self._note_state(State.RUNNING)
 
-        def asking(text: str, progress: Progress) -> None:
-            self._note_state(State.PAUSED, text)
-            self._report(text)
-            with self._excluding_time():
-                ask(text, progress)
-            progress.raise_if_cancelled()
-            self._note_state(State.RUNNING)
-
-        return asking
+    def _ask(self, text: str, progress: Progress) -> None:
+        assert self._attendance.ask is not None
+        with self._paused_for_answer(text):
+            self._attendance.ask(text, progress)
 
     def _report(self, message: str) -> None:
         """Report the run's progress, and any device that is unplugged."""
@@ -325,10 +314,7 @@ class ActiveRun:
         self._progress.report(share, told)
 
     def _record_end(self, state: State, message: str) -> tuple[State, str]:
-        """Write the run's final state to its record, and return it with its reason.
-
-        A run whose end the disk doesn't keep is FAILED.
-        """
+        """Write the run's final state, and return it: FAILED if the disk doesn't keep the end."""
         # COMPLETE is written only when all frames have been read back, see _verify_outcome().
         written = State.RUNNING if state is State.COMPLETE else state
         log.log(logging.WARNING if message else logging.INFO, message or "all frames taken")
@@ -383,16 +369,9 @@ class ActiveRun:
     ) -> RunOutcome:
         """Return how the run ended, with what it has counted."""
         return RunOutcome(
-            path,
-            state,
-            missing,
-            message,
-            self._done,
-            self._took,
-            self._trouble,
-            digest,
+            path, state, missing, message, self._done, self._took, self._trouble, digest,
             self._waited_too_long,
-        )
+        )  # fmt: skip
 
     def _outcome_elsewhere(self, message: str) -> RunOutcome:
         """Return how a run ended whose record isn't the file on its path any more: FAILED."""
@@ -424,13 +403,6 @@ def _watch_scene(plan: PlanFile, bench: Bench) -> SceneWatch | None:
     from labapp.runs.acquisition.scene_watch import SceneWatch
 
     return SceneWatch(plan, _camera_as_metered(plan, bench).sensor)
-
-
-def _build_doubts(plan: PlanFile, bench: Bench, shots: Sequence[Shot]) -> FrameDoubts:
-    """Return what judges a run's frames; it is loaded only once frames are taken."""
-    from labapp.runs.frame_doubts import FrameDoubts
-
-    return FrameDoubts(plan, _camera_as_metered(plan, bench), shots)
 
 
 def _camera_as_metered(plan: PlanFile, bench: Bench) -> CameraDescription:
