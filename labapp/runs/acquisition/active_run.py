@@ -18,12 +18,11 @@ from drivers.interfaces import Frame
 from labapp.common.errors import UserError, WaitedTooLong
 from labapp.files.plan_file import PlanFile
 from labapp.files.write_locks import has_path, is_deleted
-from labapp.runs.acquisition.attendance import Attendance
+from labapp.runs.acquisition.attendance import Attendance, Idle, Meanwhile, wait_until
 from labapp.runs.acquisition.frame_storage import FrameStore, require_full
 from labapp.runs.acquisition.frame_taker import FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
-from labapp.runs.acquisition.waiting import Idle, Meanwhile, wait_until
 from labapp.runs.bench_interface import Bench
 from labapp.runs.record.logbook import logbook
 from labapp.runs.record.reader import Record
@@ -194,20 +193,10 @@ class ActiveRun:
             raise UserError(_FILE_LOST)
         self._hooks.call("before_frame", shot)
         began, rested = self._bench.clock.now(), self._rested
-        frame = self._take_with_recovery(shot)
-        self._took += self._bench.clock.now() - began - (self._rested - rested)
-        self._done += shot.duration
-        if self._watch and (change := self._watch.compare(shot, frame)):
-            self._changes.append(change)
-            log.warning("%s", change)
-        self._hooks.call("after_frame", shot, frame)
-        if self._attendance.on_frame is not None:
-            self._attendance.on_frame(shot, frame)
-
-    def _take_with_recovery(self, shot: Shot) -> Frame:
-        while True:
+        frame = None
+        while frame is None:
             try:
-                return self._taker.take(shot, self._keep)
+                frame = self._taker.take(shot, self._keep)
             except _TakeAgain:
                 self._taker.invalidate_settings()
             except DeviceError as error:
@@ -216,6 +205,14 @@ class ActiveRun:
                 self._progress.pause()
                 text = f"{error}. Mend it, then let the run go on"
                 self._pause(text, lambda: not self._progress.is_paused)
+        self._took += self._bench.clock.now() - began - (self._rested - rested)
+        self._done += shot.duration
+        if self._watch and (change := self._watch.compare(shot, frame)):
+            self._changes.append(change)
+            log.warning("%s", change)
+        self._hooks.call("after_frame", shot, frame)
+        if self._attendance.on_frame is not None:
+            self._attendance.on_frame(shot, frame)
 
     def _keep(self, shot: Shot, frame: Frame, wavelength: float, attempt: int) -> None:
         """Store a frame of the run, unless a person doubts it and wants it to be taken again."""
@@ -273,10 +270,7 @@ class ActiveRun:
         self._note_state(State.RUNNING)
 
     def _note_state(self, state: State, message: str = "") -> None:
-        """Write a state of the run that hasn't ended to its record, unless the disk is full.
-
-        That it is full, the next frame tells, and the run waits.
-        """
+        """Write the state of a run that goes on; if the disk is full, the next frame tells."""
         try:
             self._writer.set_state(state, message)
         except OSError as error:
@@ -340,7 +334,7 @@ class ActiveRun:
     def _verify_outcome(self, state: State, message: str, is_resumed: bool) -> RunOutcome:
         """Return how the run ended: COMPLETE only if every frame reads back from the record.
 
-        A record that was begun earlier must pass all checks, too.
+        If it was begun earlier, it must pass all checks, too.
         """
         with Record(self._path) as record:
             # Reading all frames back takes time, so a run that was cancelled or failed skips it.

@@ -36,10 +36,9 @@ from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.digests import unpack_settings
 from labapp.runs.record.older_format import planned_by_older_plan, rebuild_places
 from labapp.runs.record.place_table import PlaceTable, TableError, find_places
-from labapp.runs.record.record_file import stored_file_size
+from labapp.runs.record.record_file import require_plain_structure, stored_file_size
 from labapp.runs.record.repair import planned_from_texts, proved_table
 from labapp.runs.record.second_copy import choose_places, read_either_table
-from labapp.runs.record.structure import require_plain_structure
 from labapp.runs.record.whole_frames import WholeFrames
 from labapp.runs.shots import ShotList, ShotTarget
 from optics.progress import Progress

@@ -137,7 +137,7 @@ class RecordWriter:
         """Store a frame; on return, it survives the end of this process.
 
         Raises CorruptFrame if the picture differs from the one that the camera sent, and OSError if
-        the disk refuses it. In both cases the frame isn't marked as stored.
+        the disk refuses it; then it isn't marked as stored.
 
         wavelength: metres.
         start_time: value of the column `time`, seconds.
@@ -157,14 +157,6 @@ class RecordWriter:
             raise CorruptFrame(f"it has {frame.image.shape} pixels")
         self.store_values(shot.index, frame.image, values, frame.checksum)
 
-    def _fill_row(self, image: NDArray[np.uint16], known: int | None) -> NDArray[np.uint16]:
-        """Pad a frame of a part of the sensor with zeros up to the size of all frames."""
-        (rows, columns), (height, width) = self._places["images"].shape[1:], image.shape
-        if height > rows or width > columns:
-            raise CorruptFrame(f"it has {image.shape} pixels")
-        _require_checksum(checksum(image) if known is not None else 0, known)
-        return np.pad(image, ((0, rows - height), (0, columns - width)))
-
     def store_values(
         self,
         index: int,
@@ -178,8 +170,15 @@ class RecordWriter:
         known: CRC-32 that the image should have.
         """
         image = np.ascontiguousarray(image, dtype=self._places["images"].dtype)
-        if image.shape != self._places["images"].shape[1:]:
-            image, known = self._fill_row(image, known), None
+        rows, columns = self._places["images"].shape[1:]
+        if image.shape != (rows, columns):
+            # A frame of a part of the sensor is padded with zeros up to the size of all frames.
+            height, width = image.shape
+            if height > rows or width > columns:
+                raise CorruptFrame(f"it has {image.shape} pixels")
+            if known is not None:
+                _require_checksum(checksum(image), known)
+            image, known = np.pad(image, ((0, rows - height), (0, columns - width))), None
         found, digest = self._write_image(index, image)
         _require_checksum(found, known)
         settings = digests.pack_settings({**values, "checksum": found})
@@ -194,10 +193,7 @@ class RecordWriter:
             raise
 
     def _give_up(self, frames: Iterable[int]) -> None:
-        """Note that frames aren't stored, because the disk may not have them.
-
-        The operating system still shows them as they were written, for as long as it likes.
-        """
+        """Note that frames aren't stored: the disk may lack them, though the system shows them."""
         self._lost = True
         with suppress(OSError):
             for index in frames:
@@ -211,7 +207,14 @@ class RecordWriter:
         # It takes about as long as the writing and the checksum together.
         digested = self._digest_thread.submit(digests.image_digest, image)
         self._write("images", index, image.data.cast("B"))
-        self._begin_writeback(index, image.nbytes)
+        if image.nbytes >= _LARGE:
+            # The advice makes the disk begin; Linux keeps in memory what isn't written yet.
+            place = self._places["images"]
+            with suppress(OSError):
+                os.posix_fadvise(
+                    self._handle, place.offset + index * place.row_bytes, image.nbytes,
+                    os.POSIX_FADV_DONTNEED,
+                )  # fmt: skip
         return checksum(image), digested.result()
 
     def _append_link(self, frame: int, image: bytes, values: bytes) -> None:
@@ -262,10 +265,9 @@ class RecordWriter:
     def set_state(self, state: State, message: str = "") -> str:
         """Write a state and its reason, and the time if the run has ended.
 
-        Returns the closing digest of an ended run in hexadecimal, which covers the whole record;
-        otherwise an empty text. A run is COMPLETE only once all of its record is on the disk, and
-        has ended when its end is, too. Raises OSError if that can't be, or something can't be
-        written; what the disk has lost is told once.
+        Returns the closing digest of an ended run in hexadecimal, otherwise an empty text. A run
+        is COMPLETE only once all of its record is on the disk, and has ended when its end is, too.
+        Raises OSError if that can't be; what the disk has lost is told once.
         """
         if state.has_ended:
             # Who finds an end in the record may rely on all that came before.
@@ -326,17 +328,6 @@ class RecordWriter:
         # By its path, a file is found again after a move; but the path may name another by now.
         path = self.path if has_path(self._lock, self.path) else f"/proc/self/fd/{self._lock}"
         self._handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-
-    def _begin_writeback(self, index: int, size: int) -> None:
-        """Let the disk take a large picture while its digest is computed.
-
-        On Linux the advice begins to write, and keeps what isn't on the disk yet in memory.
-        """
-        if size >= _LARGE:
-            place = self._places["images"]
-            offset = place.offset + index * place.row_bytes
-            with suppress(OSError):
-                os.posix_fadvise(self._handle, offset, size, os.POSIX_FADV_DONTNEED)
 
     def _put(self, name: str, row: int, value: Any) -> None:
         """Write a row of a dataset at its place in the file."""
