@@ -11,7 +11,7 @@ from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.steps import planned_settings
 from optics.camera import Sensor
 from optics.hdr import ExposureLimits, UnreachableSNR, choose_bracket
-from optics.hdr.exposures import FIRST_MARGIN, ExposureSNR
+from optics.hdr.exposures import FIRST_MARGIN, AllowedTimes, ExposureSNR
 
 _STEP = 10.0
 """Ratio of the brightest lights for which a bracket is chosen on trial. Chosen: the number of
@@ -90,7 +90,7 @@ def _possible_exposures(
 ) -> Iterator[tuple[float, ...]]:
     """Yield exposure times in seconds that may be chosen, from bright to dim light."""
     assert block.bracket is not None
-    shortest, depth = _shortest(limits), block.bracket.decades
+    shortest, depth = AllowedTimes(limits).time(0), block.bracket.decades
     high = ExposureSNR(sensor).brightest(shortest, FIRST_MARGIN)
     for number in range(40):
         rate = high / _STEP**number
@@ -104,9 +104,3 @@ def _possible_exposures(
             break
     if depth is None:
         yield (limits.longest,) * limits.most_frames
-
-
-def _shortest(limits: ExposureLimits) -> float:
-    from optics.hdr.exposures import AllowedTimes
-
-    return AllowedTimes(limits).time(0)

@@ -53,7 +53,13 @@ class FrameRows:
         names = self._names.get(name)
         for first in range(0, len(self), _AT_ONCE):
             values = self._values[name][first : first + _AT_ONCE].tolist()
-            yield values if names is None else [_name_at(value, names) for value in values]
+            yield (
+                values
+                if names is None
+                else [
+                    names[value] if value < len(names) else f"unknown {value}" for value in values
+                ]
+            )
 
     def distinct(self, name: str) -> list[Any]:
         """Return the different values of a column of numbers."""
@@ -64,10 +70,6 @@ def column_heading(name: str) -> str:
     """Return a column's heading in a table: its name with its unit."""
     unit = layout.UNITS.get(name, "").replace("/", "_per_")
     return f"{name}_{unit}" if unit else name
-
-
-def _name_at(number: int, names: Sequence[str]) -> str:
-    return names[number] if number < len(names) else f"unknown {number}"
 
 
 TABLE = "frames.csv"

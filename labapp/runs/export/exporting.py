@@ -158,7 +158,9 @@ def export_frames(
         del chosen
         work = ExportJob(record, kind, found, writing)
         if found:
-            _write(work, folder, force)
+            with all_or_none(folder, work.names, force=force) as draft:
+                WRITERS[kind](work, draft)
+                _write_table(work, draft)
         return ExportResult(found, not_stored, damaged, work.bits)
 
 
@@ -168,12 +170,6 @@ def _are_alike(record: Record, frames: list[int]) -> bool:
     some = [frames[place] for place in first.tolist()]
     alike = {(record.frame_size(one), record.readout_of(one).steps_per_dn) for one in some}
     return len(alike) == 1
-
-
-def _write(work: ExportJob, folder: Path, force: bool) -> None:
-    with all_or_none(folder, work.names, force=force) as draft:
-        WRITERS[work.kind](work, draft)
-        _write_table(work, draft)
 
 
 def _write_table(work: ExportJob, draft: Path) -> None:

@@ -14,7 +14,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labapp.runs.export.export_job import ExportJob, column_heading, format_decimal
 from labapp.runs.export.single_files import tiff_tags
@@ -186,7 +185,7 @@ def write_ome_tiff(work: ExportJob, draft: Path) -> None:
         for first in range(0, count, _PAGES_AT_ONCE):
             pages = min(_PAGES_AT_ONCE, count - first)
             file.write(
-                _some(images, pages),
+                islice(images, pages),
                 shape=(pages, *work.shape),
                 dtype=np.uint16,
                 photometric="minisblack",
@@ -202,10 +201,6 @@ def write_ome_tiff(work: ExportJob, draft: Path) -> None:
         raise OSError(errno.EIO, reason) from error
     _append_description(path, described, at, is_big)
     described.unlink()
-
-
-def _some(images: Iterator[NDArray[np.uint16]], count: int) -> Iterator[NDArray[np.uint16]]:
-    return islice(images, count)
 
 
 def _append_description(path: Path, described: Path, tag: int, is_big: bool) -> None:

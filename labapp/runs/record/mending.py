@@ -222,10 +222,6 @@ def _mend_ending(record: _Record, chain: FrameChain) -> bool:
     return bool(lost)
 
 
-def _is_state(data: bytes) -> bool:
-    return state_of(data) is not None
-
-
 def _is_writer(data: bytes) -> bool:
     try:
         return {"host", "pid", "start"} <= json.loads(data.rstrip(b"\0")).keys()
@@ -237,16 +233,12 @@ def _is_end_time(data: bytes) -> bool:
     return not any(data) or is_time(data.rstrip(b"\0").decode(errors="replace"))
 
 
-def _is_empty(data: bytes) -> bool:
-    return not any(data)
-
-
 _WRITTEN: dict[str, Callable[[bytes], bool]] = {
-    f"{layout.ENTRY}/state": _is_state,
+    f"{layout.ENTRY}/state": lambda data: state_of(data) is not None,
     f"{layout.ENTRY}/writer": _is_writer,
     f"{layout.ENTRY}/end_time": _is_end_time,
-    f"{layout.ENTRY}/log_lost": _is_empty,
-    _CLOSING: _is_empty,
+    f"{layout.ENTRY}/log_lost": lambda data: not any(data),
+    _CLOSING: lambda data: not any(data),
 }
 """Tell of what an unfinished record has no digest for whether it is such as is written."""
 

@@ -33,7 +33,7 @@ from labapp.files.plan_file import ROLES, PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import layout
-from labapp.runs.record.datasets import allocate, reserve, write_text
+from labapp.runs.record.datasets import reserve, write_text
 from labapp.runs.record.place_table import PlaceTable, find_places
 from labapp.runs.steps import planned_shots
 
@@ -95,17 +95,12 @@ def _rebuild(
                 _write_structure(file, data, found)
         except (ValueError, TypeError, OverflowError):
             return None
-        return _places_if_same(again, found)
-
-
-def _places_if_same(again: Path, found: Mapping[str, HeadedDataset]) -> PlaceTable | None:
-    """Return the places in a file that was written again, if they are those that were found."""
-    with again.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as new:
-        there = _first_datasets(new)
-    if there is None or not all(_lies_as(one, there[name]) for name, one in found.items()):
-        return None
-    with open_hdf5(again) as file:
-        return find_places(file, again.stat().st_size)
+        with again.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as new:
+            there = _first_datasets(new)
+        if there is None or not all(_lies_as(one, there[name]) for name, one in found.items()):
+            return None
+        with open_hdf5(again) as file:
+            return find_places(file, again.stat().st_size)
 
 
 def _lies_as(one: HeadedDataset, other: HeadedDataset) -> bool:
@@ -139,7 +134,7 @@ def _write_structure(file: h5py.File, data: mmap.mmap, found: Mapping[str, Heade
     entry["seed"] = int(read("seed"))
     entry["expected_seconds"] = float(read("expected_seconds"))
     for name in ("state", "message", "end_time", "writer", "log"):
-        allocate(entry, name, np.zeros(found[name].shape, found[name].dtype))
+        entry.create_dataset(name, data=np.zeros(found[name].shape, found[name].dtype))
     instrument = nexus.create_group(entry, "instrument", "NXinstrument")
     for name in _DEVICES:
         device = nexus.create_group(
@@ -171,7 +166,7 @@ def _write_data(file: h5py.File, shape: tuple[int, ...]) -> None:
         data[name] = np.zeros(size)
     kinds = layout.PLANNED | layout.MEASURED
     for name in (*layout.planned_names(()), *layout.MEASURED):
-        allocate(data, name, np.zeros(shape[0], kinds[name]))
+        data.create_dataset(name, data=np.zeros(shape[0], kinds[name]))
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
     data["role"].attrs["names"] = list(ROLES)
