@@ -8,7 +8,7 @@ import select
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from labapp.bench.virtual_bench.instruments import ServedInstrument
@@ -69,8 +69,9 @@ class CommandInterpreter:
 
     def _fail(self, name: str, rest: list[str]) -> str:
         seconds = math.inf
-        if len(rest) > 1 and (given := _number(rest[-1])) is not None:
-            seconds, rest = given, rest[:-1]
+        if len(rest) > 1:
+            with suppress(ValueError):
+                seconds, rest = parse_number(rest[-1], "s"), rest[:-1]
         kind = " ".join(rest)
         if not seconds > 0:
             raise ValueError(f"{seconds:g} seconds; they must be more than 0")
@@ -89,13 +90,6 @@ class CommandInterpreter:
             f"faults of {n}: {', '.join(one.fault_kinds)}" for n, one in self._instruments.items()
         ]
         return "\n".join(lines)
-
-
-def _number(word: str) -> float | None:
-    try:
-        return parse_number(word, "s")
-    except ValueError:
-        return None
 
 
 @contextmanager
@@ -138,7 +132,12 @@ def read_commands(
             lines, rest, source = [rest], b"", None
         for line in lines:
             if not talk.is_over:
-                _execute_line(talk, line.decode(errors="replace"))
+                try:
+                    answer = talk.execute(line.decode(errors="replace"))
+                except ValueError as error:
+                    answer = f"{error}."
+                if answer:
+                    print_message(answer)
         if source is None and until_eof:
             return
 
@@ -153,12 +152,3 @@ def _may_read(source: int) -> bool:
         return os.tcgetpgrp(source) == os.getpgrp()
     except OSError:
         return True  # standard input isn't a terminal
-
-
-def _execute_line(talk: CommandInterpreter, line: str) -> None:
-    try:
-        answer = talk.execute(line)
-    except ValueError as error:
-        answer = f"{error}."
-    if answer:
-        print_message(answer)

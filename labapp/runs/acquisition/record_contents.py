@@ -19,8 +19,7 @@ from labapp.runs.record.reader import file_sha256
 from labapp.runs.shots import Shot, ShotList
 
 if TYPE_CHECKING:
-    from simulator.planning import Decision, EffectPlan
-    from simulator.world import World
+    from simulator.planning import EffectPlan
 
 
 def build_record_contents(
@@ -85,28 +84,24 @@ def effect_plans(
     plans: list[dict[str, Any]] = []
     for shot in ShotList.of(shots).distinct_pictures():
         check_cancelled()
-        plan = _plan_effects(bench, bench.world, shot, patterns[shot.pattern])
-        effects |= {one.effect: _physics(one) for one in plan.decisions}
+        try:
+            plan = bench.world.effect_plan(
+                patterns[shot.pattern],
+                shot.wavelength,
+                shot.exposure,
+                shot.place or shot.target,
+                _bandwidth(bench, shot),
+                shot.readout.amplification_db,
+            )
+        except ValueError as error:
+            raise UserError(
+                f"{shot.target} with {shot.pattern} at {shot.wavelength * 1e9:g} nm can't be "
+                f"simulated: {error}."
+            ) from error
+        for one in plan.decisions:
+            effects[one.effect] = {"kind": one.kind, "physics": one.physics, "source": one.source}
         plans.append(_plan_data(shot, plan))
     return {"effects": effects, "plans": plans}
-
-
-def _plan_effects(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint8]) -> EffectPlan:
-    place, bandwidth = shot.place or shot.target, _bandwidth(bench, shot)
-    try:
-        return world.effect_plan(
-            shown,
-            shot.wavelength,
-            shot.exposure,
-            place,
-            bandwidth,
-            shot.readout.amplification_db,
-        )
-    except ValueError as error:
-        raise UserError(
-            f"{shot.target} with {shot.pattern} at {shot.wavelength * 1e9:g} nm can't be "
-            f"simulated: {error}."
-        ) from error
 
 
 def _bandwidth(bench: Bench, shot: Shot) -> float | None:
@@ -116,10 +111,6 @@ def _bandwidth(bench: Bench, shot: Shot) -> float | None:
         return slots[shot.slot - 1].bandwidth
     near = (slot.bandwidth for slot in slots if abs(slot.wavelength - shot.wavelength) < 1e-12)
     return next(near, None)
-
-
-def _physics(one: Decision) -> dict[str, Any]:
-    return {"kind": one.kind, "physics": one.physics, "source": one.source}
 
 
 def _plan_data(shot: Shot, plan: EffectPlan) -> dict[str, Any]:

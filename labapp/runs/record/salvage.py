@@ -53,9 +53,8 @@ _JSON = ("plan", "bench", "scene", "effect_plan", "pictures", "faults", "capabil
 class Remains:
     """What a damaged record still tells.
 
-    contents: to make a new record from.
-    whole: indices of frames that are whole with their settings.
-    lacks: what is lost, in words.
+    contents: to make a new record from. whole: indices of frames that are whole with their
+    settings. lacks: what is lost, in words.
     """
 
     contents: RecordContents
@@ -267,9 +266,9 @@ class DamagedRecord:
             for name in ("first", "frames", "frame_time")
         )
         images = self._read_or_none(layout.SHOWN_IMAGES)
-        shape = self._table.places[layout.SHOWN_IMAGES].shape[1:]
         if first is None or count is None or times is None or images is None:
             self._lacks.append("the patterns, black instead")
+            shape = self._table.places[layout.SHOWN_IMAGES].shape[1:]
             return {name: np.zeros(shape, np.uint8) for name in names}
         if self._read_known(layout.SHOWN_IMAGES) is None:
             self._lacks.append("the patterns as they were shown")
