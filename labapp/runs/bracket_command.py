@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -162,17 +162,14 @@ def _print(block: Acquisition, chosen: ChosenTable, brackets: dict[str, ChosenBr
     rows = [
         [f"{rate:.3g}", *(f"{column[n]:.1f}" for column in columns)] for n, rate in enumerate(rates)
     ]
-    print_table("Signal-to-noise ratio in dB", ["electrons/s ", *_right(names)], rows)
+    # A blank at the end of a heading aligns its numbers right.
+    headings = ["electrons/s ", *(f"{name} " for name in names)]
+    print_table("Signal-to-noise ratio in dB", headings, rows)
     totals = [[name, one.frames, f"{one.duration:.4g}"] for name, one in brackets.items()]
     taken = "s with dark frames " if chosen.darks else "s with read-out "
     print_table("Beside ladders that reach the same", ["bracket", "frames ", taken], totals)
     exposures = ", ".join(f"{ms:g}" for ms in block.exposures_ms or ())
     out.print(f"In a plan: exposures_ms = [{exposures}]", markup=False, soft_wrap=True)
-
-
-def _right(names: Sequence[str]) -> list[str]:
-    """Mark headings as those of columns of numbers, which print_table() aligns right."""
-    return [f"{name} " for name in names]
 
 
 def _as_data(block: Acquisition, brackets: dict[str, ChosenBracket]) -> dict[str, Any]:

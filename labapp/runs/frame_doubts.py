@@ -83,14 +83,10 @@ def target_doubt(
     exposure: float,
     image: NDArray[np.uint16],
 ) -> str:
-    """Return how a single frame doesn't fit the target that a person has placed; "" if it fits.
+    """Return how a single frame in DN doesn't fit the target that a person placed; "" if it fits.
 
-    Targets and patterns are known by their usual names: "dark", "star" and "neutral".
-
-    target, pattern: the target that was confirmed, and the pattern on the SLM.
-    wavelength: metres.
-    exposure: seconds.
-    image: (rows, columns), DN.
+    Targets and patterns are known by their usual names: "dark", "star" and "neutral". wavelength:
+    metres. exposure: seconds.
     """
     usual, sensor = Reconstruction(coded=""), camera.sensor
     if target == usual.dark:

@@ -26,7 +26,7 @@ from labapp.runs.acquisition.feasibility import (
 )
 from labapp.runs.acquisition.frame_delays import measure_frame_delays
 from labapp.runs.acquisition.frame_storage import UNTOLD, free_bytes, require_space
-from labapp.runs.brackets.extremes import possible_plans
+from labapp.runs.brackets.choice import possible_plans
 from labapp.runs.bundled_plans import abbreviate_list, format_range
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.readouts import Readout
@@ -40,9 +40,7 @@ class Preview:
     """What a plan takes on a bench.
 
     If exposures are to be chosen, shots and estimate are those in the brightest light that the
-    camera can take, and most those that take longest and need most space.
-
-    source: file of the plan.
+    camera can take, and most those that take longest and need most space. source: file of the plan.
     free: bytes that are free in the current folder.
     """
 

@@ -107,10 +107,7 @@ class ActiveRun:
         self._watch, self._changes = _watch_scene(plan, bench), list[str]()
 
     def take(self, shots: Sequence[Shot], *, is_resumed: bool = False) -> RunOutcome:
-        """Take all frames of the run into its record; return how the run ended.
-
-        The record's lock is released at the end.
-        """
+        """Take all frames into the record, release its lock, and return how the run ended."""
         with (
             RecordWriter(self._path, self._lock) as self._writer,
             logbook(self._writer, self._bench.clock) as self._logbook,
@@ -120,9 +117,8 @@ class ActiveRun:
             # What judges frames is loaded only once frames are taken.
             from labapp.runs.frame_doubts import FrameDoubts
 
-            self._doubts = FrameDoubts(
-                self._plan, _camera_as_metered(self._plan, self._bench), shots
-            )
+            camera = _camera_as_metered(self._plan, self._bench)
+            self._doubts = FrameDoubts(self._plan, camera, shots)
             self._expected = ShotList.of(shots).total_duration
             state, message = self._take_all(shots, is_resumed)
             if has_path(self._writer.handle, self._path):
@@ -251,8 +247,8 @@ class ActiveRun:
     ) -> None:
         """Pause the run until `is_over()` returns true, with the reason in the record.
 
-        Without `meanwhile`, nobody uses the bench. Raises Cancelled if the run is cancelled, and
-        WaitedTooLong after `limit` seconds, which are those of the run's progress by default.
+        Without `meanwhile`, nobody uses the bench. Raises Cancelled, or WaitedTooLong after `limit`
+        seconds, which are those of the run's progress by default.
         """
         limit = self._progress.wait_limit if limit is None else limit
         log.warning("paused: %s", message)
@@ -336,11 +332,10 @@ class ActiveRun:
 
         If it was begun earlier, it must pass all checks, too.
         """
+        is_complete = state is State.COMPLETE
         with Record(self._path) as record:
             # Reading all frames back takes time, so a run that was cancelled or failed skips it.
-            missing = (
-                record.missing_frames() if state is State.COMPLETE else record.frames_not_stored()
-            )
+            missing = record.missing_frames() if is_complete else record.frames_not_stored()
         if state is State.COMPLETE and missing:
             state, message = State.FAILED, f"{len(missing)} frames don't read back"
         digest = self._write_state(state, message)

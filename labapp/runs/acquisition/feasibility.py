@@ -94,7 +94,7 @@ def expected_plan(
     if not plan.has_brackets:
         return plan
     # What searches for brackets is loaded only where there are any.
-    from labapp.runs.brackets.extremes import brightest_plan
+    from labapp.runs.brackets.choice import brightest_plan
 
     return brightest_plan(plan, capabilities, sensor, source)
 

@@ -202,12 +202,9 @@ class RecordWriter:
         self._write("images", index, image.data.cast("B"))
         if image.nbytes >= _LARGE:
             # The advice makes the disk begin; Linux keeps in memory what isn't written yet.
-            place = self._places["images"]
+            at = self._places["images"].offset + index * self.frame_bytes
             with suppress(OSError):
-                os.posix_fadvise(
-                    self.handle, place.offset + index * place.row_bytes, image.nbytes,
-                    os.POSIX_FADV_DONTNEED,
-                )  # fmt: skip
+                os.posix_fadvise(self.handle, at, image.nbytes, os.POSIX_FADV_DONTNEED)
         return checksum(image), digested.result()
 
     def _append_link(self, frame: int, image: bytes, values: bytes) -> None:
