@@ -46,7 +46,12 @@ def show_record(path: Path, *, as_json: bool) -> None:
     if data["message"]:
         out.print(data["message"])
     out.print()
-    _print_groups(data["groups"])
+    # How frames are read is told where that was chosen.
+    groups = data["groups"]
+    read = ["read"] if any(group["readout"] for group in groups) else []
+    columns = ["role", "target", "pattern", *read, "wavelength nm ", "exposures ms ", "frames "]
+    rows = [[one for name, one in group.items() if read or name != "readout"] for group in groups]
+    print_table("Frames", columns, rows)
     devices = [[name, *device.values()] for name, device in data["devices"].items()]
     print_table("Devices", ["device", "model", "serial", "simulated"], devices)
     if data["effect_plan"]:
@@ -55,14 +60,6 @@ def show_record(path: Path, *, as_json: bool) -> None:
     if lines and (count := numbered[-1][0]) > len(lines):
         out.print(f"The last {len(lines)} of {count} lines of the log; --json prints all:")
     print_table("Log", ["bench time s ", ""], lines)
-
-
-def _print_groups(groups: list[dict[str, Any]]) -> None:
-    """Print the groups of frames, with how they are read where that was chosen."""
-    read = ["read"] if any(group["readout"] for group in groups) else []
-    columns = ["role", "target", "pattern", *read, "wavelength nm ", "exposures ms ", "frames "]
-    rows = [[one for name, one in group.items() if read or name != "readout"] for group in groups]
-    print_table("Frames", columns, rows)
 
 
 def record_data(record: Record) -> dict[str, Any]:

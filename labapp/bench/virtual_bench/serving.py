@@ -148,7 +148,13 @@ def _start(
     camera = setup.bench.without_calibration().build_camera()
     world = build_world(camera, setup, clock)
     shared = SharedWorld(world, clock)
-    site = ServingContext(shared, _folder(options.folder, stack), stack)
+    if options.folder is not None:
+        make_folder(options.folder)
+        folder = options.folder.resolve()
+    else:
+        made = tempfile.TemporaryDirectory(prefix="labapp-bench-", ignore_cleanup_errors=True)
+        folder = Path(stack.enter_context(made))
+    site = ServingContext(shared, folder, stack)
     served: dict[str, ServedInstrument] = {}
     if options.slm != "none":
         served["slm"] = serve_panel(world.camera.panel, options.display, options.screen, site)
@@ -159,14 +165,6 @@ def _start(
     if options.spectroradiometer != "none":
         served["spectroradiometer"] = serve_spectroradiometer(site)
     return shared, list(world.scene.targets), served
-
-
-def _folder(folder: Path | None, stack: ExitStack) -> Path:
-    if folder is not None:
-        make_folder(folder)
-        return folder.resolve()
-    made = tempfile.TemporaryDirectory(prefix="labapp-bench-", ignore_cleanup_errors=True)
-    return Path(stack.enter_context(made))
 
 
 def _print_next_steps(options: ServeOptions, names: list[str]) -> None:

@@ -160,20 +160,15 @@ def read_table(handle: int, offset: int = 0) -> PlaceTable:
     if not block.startswith(_MARK) or len(text) != length or sha256(text).digest() != known:
         raise TableError("the table of places at the file's beginning is missing or damaged")
     try:
-        return _decode(text)
+        data, places = json.loads(text), {}
+        for name, (begin, shape, kind, digest) in data["datasets"].items():
+            place = Place(int(begin), tuple(int(n) for n in shape), _type(kind), str(digest))
+            if min(place.offset, *place.shape, 0) < 0 or place.end > data["size"]:
+                raise ValueError(f"{name} doesn't lie within the file")
+            places[name] = place
+        return PlaceTable(int(data["size"]), places)
     except (ValueError, TypeError, KeyError) as error:
         raise TableError(f"the table of places can't be read: {error}") from error
-
-
-def _decode(text: bytes) -> PlaceTable:
-    data = json.loads(text)
-    places = {}
-    for name, (offset, shape, kind, digest) in data["datasets"].items():
-        place = Place(int(offset), tuple(int(n) for n in shape), _type(kind), str(digest))
-        if min(place.offset, *place.shape, 0) < 0 or place.end > data["size"]:
-            raise ValueError(f"{name} doesn't lie within the file")
-        places[name] = place
-    return PlaceTable(int(data["size"]), places)
 
 
 def _type_name(dtype: np.dtype) -> Any:

@@ -272,10 +272,9 @@ class RecordFile:
             if latest[index] < 0:
                 return False
             row = rows(int(latest[index]))
-            settings = {name: column[index] for name, column in columns.items()}
-            return bool(
-                digests.settings_digest(settings) == row["settings"].tobytes()
-            ) and self._image_has(
+            settings = digests.pack_settings({n: column[index] for n, column in columns.items()})
+            found = digests.packed_digest(b"".join(settings.values()))
+            return bool(found == row["settings"].tobytes()) and self._image_has(
                 index, lambda image: digests.image_digest(image) == row["image"].tobytes()
             )
 
