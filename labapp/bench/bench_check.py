@@ -7,7 +7,8 @@ from pathlib import Path
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
 from labapp.bench.camera_match import require_described_camera, require_described_size
-from labapp.bench.opening import BenchFiles, BenchSetup, OpenDevice, device_maker, open_device
+from labapp.bench.driver_loading import device_maker
+from labapp.bench.opening import BenchFiles, BenchSetup, open_device
 from labapp.bench.selftest.checks import describe_error, identity_text
 from labapp.common.console import out, print_json, print_table, terminal_progress
 
@@ -32,7 +33,10 @@ def check_bench(bench: Path, scene: Path | None, *, open_devices: bool, as_json:
     with terminal_progress() as progress:
         for number, role in enumerate(roles):
             progress.report(number / len(roles), f"{role}")
-            rows.append(_check_device(setup, role, open_devices))
+            try:
+                rows.append((role, True, _describe_device(setup, role, open_devices)))
+            except Exception as error:
+                rows.append((role, False, describe_error(error, role)))
     well = all(good for _, good, _ in rows)
     if as_json:
         checks = [dict(zip(("check", "well", "seen"), row, strict=True)) for row in rows]
@@ -45,32 +49,19 @@ def check_bench(bench: Path, scene: Path | None, *, open_devices: bool, as_json:
     return well
 
 
-def _check_device(setup: BenchSetup, role: str, open_devices: bool) -> Row:
-    try:
-        return role, True, _describe_device(setup, role, open_devices)
-    except Exception as error:
-        return role, False, describe_error(error, role)
-
-
 def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
     """Say which device is there, or that its driver accepts the options.
 
-    Raises UserError or DeviceError for what is wrong.
+    Raises UserError or DeviceError for what is wrong, also if it isn't as the file describes it.
     """
     described = setup.bench.devices.tables[role]
     if not open_devices:
         device_maker(role, described, Surroundings(RealClock()), setup.source)
         return f"{described.driver} is installed and takes these options"
     with open_device(setup, role) as alone:
-        _require_match(setup, role, alone)
-        return identity_text(alone.device)
-
-
-def _require_match(setup: BenchSetup, role: str, opened: OpenDevice) -> None:
-    """Raise UserError if an SLM or a camera isn't as the file describes it."""
-    camera = setup.bench.build_camera()
-    if role == "slm":
-        shape = opened.device.shape
-        require_described_size(role, shape, camera.panel.shape, "panel", setup.source)
-    elif role == "camera":
-        require_described_camera(opened.device, camera.sensor, setup.source)
+        camera, device = setup.bench.build_camera(), alone.device
+        if role == "slm":
+            require_described_size(role, device.shape, camera.panel.shape, "panel", setup.source)
+        elif role == "camera":
+            require_described_camera(device, camera.sensor, setup.source)
+        return identity_text(device)

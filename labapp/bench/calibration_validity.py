@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -11,25 +10,12 @@ from drivers.interfaces import Identity
 from labapp.files.bench_file import BenchFile
 from labapp.files.calibration_file import CalibrationFile, DeviceIdentityTable
 from labapp.files.camera_noise_file import CameraNoiseFile
-from labapp.files.reading import FileModel
 
+_MAX_AGE_DAYS, _MAX_CAMERA_AGE_DAYS = 30, 180
+"""Ages beyond which a calibration, and one of the camera, gives a warning. Chosen."""
 
-@dataclass(frozen=True)
-class CalibrationValiditySettings:
-    """Limit how long and how far a calibration is trusted.
-
-    max_age_days: age beyond which a calibration gives a warning. Chosen.
-    max_extrapolation_nm: distance by which the phase response may be extrapolated beyond the
-        wavelengths at which it was measured. Chosen.
-    max_camera_age_days: age beyond which a calibration of the camera gives a warning. Chosen.
-    """
-
-    max_age_days: int = 30
-    max_extrapolation_nm: float = 15.0
-    max_camera_age_days: int = 180
-
-
-_SETTINGS = CalibrationValiditySettings()
+_MAX_EXTRAPOLATION_NM = 15.0
+"""Distance by which the phase response may be extrapolated beyond its wavelengths. Chosen."""
 
 _REMEDY = "Calibrate again: labapp calibrate"
 _CAMERA_REMEDY = "Calibrate the camera again: labapp calibrate --camera"
@@ -65,8 +51,7 @@ def validity_warnings(
     identities: of the open devices, by their names.
     now: time at which the age is judged; None for the present.
     """
-    trusted = _SETTINGS.max_age_days
-    found = _age_warnings("the calibration", calibration.date, trusted, now, f". {_REMEDY}")
+    found = _age_warnings("the calibration", calibration.date, _MAX_AGE_DAYS, now, f". {_REMEDY}")
     for role in _DECISIVE_ROLES:
         device = calibration.devices.get(role)
         found += _device_warnings("the calibration", role, device, identities, _REMEDY)
@@ -96,9 +81,10 @@ def camera_validity_warnings(
 
     Parameters are those of `validity_warnings`.
     """
-    trusted = _SETTINGS.max_camera_age_days
     why = f": pixels become hot with time. {_CAMERA_REMEDY}"
-    found = _age_warnings("the camera calibration", calibration.date, trusted, now, why)
+    found = _age_warnings(
+        "the camera calibration", calibration.date, _MAX_CAMERA_AGE_DAYS, now, why
+    )
     found += _device_warnings(
         "the camera calibration", "camera", calibration.camera, identities, _CAMERA_REMEDY
     )
@@ -121,22 +107,14 @@ def _part_warnings(bench: BenchFile, part: str, then: Mapping[str, Any], remedy:
     """Warn if a table of the bench file has changed since a calibration."""
     table = getattr(bench, part)
     described = table.model_dump(mode="json") if table else {}
-    since = _keys_at_default(table) - then.keys()
-    today = {key: value for key, value in described.items() if key not in since}
+    fields = type(table).model_fields if table else {}
+
+    def is_default(key: str) -> bool:
+        return not fields[key].is_required() and getattr(table, key) == fields[key].default
+
+    # A calibration from before a key existed means its default, so that it agrees.
+    today = {key: value for key, value in described.items() if key in then or not is_default(key)}
     return _settings_warnings(part, then, today, remedy)
-
-
-def _keys_at_default(table: FileModel | None) -> set[str]:
-    """Return the keys of a table that have their default value.
-
-    A calibration from before such a key existed means the default, so that it agrees.
-    """
-    fields = type(table).model_fields.items() if table else ()
-    return {
-        key
-        for key, field in fields
-        if not field.is_required() and getattr(table, key) == field.default
-    }
 
 
 def wavelength_warnings(calibration: CalibrationFile, wavelengths: Iterable[float]) -> list[str]:
@@ -144,8 +122,7 @@ def wavelength_warnings(calibration: CalibrationFile, wavelengths: Iterable[floa
     known = calibration.wavelengths
     if not known:
         return []
-    beyond_nm = _SETTINGS.max_extrapolation_nm
-    low, high = known[0] * 1e9 - beyond_nm, known[-1] * 1e9 + beyond_nm
+    low, high = known[0] * 1e9 - _MAX_EXTRAPOLATION_NM, known[-1] * 1e9 + _MAX_EXTRAPOLATION_NM
     beyond = sorted({w * 1e9 for w in wavelengths if not low <= w * 1e9 <= high})
     if not beyond:
         return []
@@ -170,14 +147,8 @@ def _device_warnings(
         return []
     if (then.model, then.serial, then.simulated) == (now.model, now.serial, now.simulated):
         return []
-    return [
-        f"{what} was made with the {role} {_device_name(then.model, then.serial)}, and "
-        f"this is {_device_name(now.model, now.serial)}. {remedy}"
-    ]
-
-
-def _device_name(model: str, serial: str) -> str:
-    return f"{model} {serial}".strip()
+    before, today = (f"{one.model} {one.serial}".strip() for one in (then, now))
+    return [f"{what} was made with the {role} {before}, and this is {today}. {remedy}"]
 
 
 def _settings_warnings(

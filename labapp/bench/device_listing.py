@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,8 @@ def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> No
     # Cameras on the network have a second to answer, in which the bench is loaded and opened.
     with ThreadPoolExecutor(1) as aside:
         search = aside.submit(_ports)
-        from labapp.bench.opening import BenchFiles, installed_drivers
+        from labapp.bench.driver_loading import installed_drivers
+        from labapp.bench.opening import BenchFiles
 
         setup = BenchFiles.with_defaults(bench, scene).read()
         roles = list(setup.bench.devices.tables)
@@ -68,40 +68,31 @@ def describe_device(setup: BenchSetup, role: str) -> dict[str, str]:
     try:
         with open_device(setup, role) as alone:
             who = alone.device.identity
-            kind, limits = "SIMULATED" if who.simulated else "real", _LIMITS[role](alone.device)
+            kind, limits = "SIMULATED" if who.simulated else "real", _limits(role, alone.device)
             return {"device": role, "model": who.model, "kind": kind, "limits": limits}
     except Exception as error:
         driver, why = setup.bench.devices.tables[role].driver, describe_error(error, role)
         return {"device": role, "model": driver, "kind": "FAILED", "limits": why}
 
 
-def _slm_limits(device: Any) -> str:
-    rows, columns = device.shape
-    return f"{columns} x {rows} pixels"
-
-
-def _filter_limits(device: Any) -> str:
-    low, high = device.wavelength_range
-    return f"{low * 1e9:.0f} to {high * 1e9:.0f} nm, {device.bandwidth * 1e9:g} nm wide"
-
-
-def _camera_limits(device: Any) -> str:
-    (rows, columns), (shortest, longest) = device.shape, device.exposure_range
-    return f"{columns} x {rows} pixels, {shortest * 1e3:g} to {longest * 1e3:g} ms"
-
-
-def _spectroradiometer_limits(device: Any) -> str:
-    wavelengths = device.wavelengths * 1e9
-    return f"{wavelengths[0]:.0f} to {wavelengths[-1]:.0f} nm, {wavelengths.size} values"
-
-
-_LIMITS: dict[str, Callable[[Any], str]] = {
-    "slm": _slm_limits,
-    "filter": _filter_limits,
-    "camera": _camera_limits,
-    "targets": lambda device: ", ".join(device.names),
-    "spectroradiometer": _spectroradiometer_limits,
-}
+def _limits(role: str, device: Any) -> str:
+    """Say in words what a device can do; KeyError for a role that has no such words."""
+    match role:
+        case "slm":
+            rows, columns = device.shape
+            return f"{columns} x {rows} pixels"
+        case "filter":
+            low, high = device.wavelength_range
+            return f"{low * 1e9:.0f} to {high * 1e9:.0f} nm, {device.bandwidth * 1e9:g} nm wide"
+        case "camera":
+            (rows, columns), (shortest, longest) = device.shape, device.exposure_range
+            return f"{columns} x {rows} pixels, {shortest * 1e3:g} to {longest * 1e3:g} ms"
+        case "targets":
+            return ", ".join(device.names)
+        case "spectroradiometer":
+            nm = device.wavelengths * 1e9
+            return f"{nm[0]:.0f} to {nm[-1]:.0f} nm, {nm.size} values"
+    raise KeyError(role)
 
 
 def _load_error(entry: Any) -> str:

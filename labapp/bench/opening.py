@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, cast
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
-from drivers.hosted import HostedDevice
 from drivers.hosted.guard import guard_devices
 from drivers.interfaces import (
     SLM,
@@ -27,8 +23,8 @@ from drivers.interfaces import (
     Surroundings,
     TargetChanger,
 )
-from drivers.roles import misfit
 from drivers.supervised import SupervisedCamera, SupervisedDevice
+from labapp.bench import driver_loading
 from labapp.bench.calibration_validity import (
     calibration_summary,
     camera_calibration_summary,
@@ -37,11 +33,9 @@ from labapp.bench.calibration_validity import (
     wavelength_warnings,
 )
 from labapp.bench.camera_match import require_described_camera
-from labapp.bench.left_safe import guarded_devices
 from labapp.bench.locking import lock_devices, lock_serial_number
-from labapp.bench.option_types import require_option_types
 from labapp.common.command_end import delay_interrupts, note_unsafe, raise_on_interrupt
-from labapp.common.errors import UserError, suggest_spelling
+from labapp.common.errors import UserError
 from labapp.common.frame_delays import FrameDelays
 from labapp.common.memory import give_back_freed_memory
 from labapp.files.bench_file import BenchFile, DeviceTable, read_bench
@@ -65,8 +59,6 @@ __all__ = [
 ]
 
 log = logging.getLogger(__name__)
-
-DRIVER_GROUP = "labapp.devices"
 
 
 @dataclass
@@ -257,12 +249,6 @@ class BenchSetup:
     memory: int | None = None
 
 
-@cache
-def installed_drivers() -> dict[str, EntryPoint]:
-    """Return the entry points of the installed drivers by name."""
-    return {entry.name: entry for entry in entry_points(group=DRIVER_GROUP)}
-
-
 @contextmanager
 def open_bench(
     files_or_setup: BenchFiles | BenchSetup, *, speed: float = math.inf
@@ -417,39 +403,28 @@ def _make_safe(devices: Iterable[SupervisedDevice]) -> list[DeviceError]:
     return failures
 
 
-def _surroundings(
+@contextmanager
+def _open_devices(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
-) -> Surroundings:
-    """Return the clock for all devices, and the world behind the simulated ones."""
+) -> Iterator[tuple[Surroundings, dict[str, SupervisedDevice]]]:
+    """Lock and open devices under supervision, by name, while the block runs."""
     # If any device is real, the simulated ones run in real time, too.
     virtual = all(table.is_simulated for table in tables.values())
     clock: Clock = VirtualClock(speed) if virtual else RealClock()
     # A calibration is knowledge about the devices and doesn't change the virtual world.
     described = setup.bench.without_calibration().build_camera()
     world = build_world(described, setup, clock) if setup.scene else None
-    return Surroundings(clock, world)
-
-
-def _forget(world: World) -> None:
-    """Free the pictures of a closed virtual world, even if something refers to it."""
-    world.forget()
-    give_back_freed_memory()
-
-
-@contextmanager
-def _open_devices(
-    setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
-) -> Iterator[tuple[Surroundings, dict[str, SupervisedDevice]]]:
-    """Lock and open devices under supervision, by name, while the block runs."""
-    surroundings = _surroundings(setup, tables, speed)
+    surroundings = Surroundings(clock, world)
     with raise_on_interrupt(), ExitStack() as stack:
-        if surroundings.world is not None:
-            stack.callback(_forget, surroundings.world)
+        if world is not None:
+            # Last in, first out: its pictures are freed even if something refers to it.
+            stack.callback(give_back_freed_memory)
+            stack.callback(world.forget)
         stack.enter_context(lock_devices(tables))
-        stack.enter_context(guard_devices(guarded_devices(tables, installed_drivers())))
+        stack.enter_context(guard_devices(driver_loading.guarded_devices(tables)))
         watched: dict[str, SupervisedDevice] = {}
         for name, table in tables.items():
-            make = device_maker(name, table, surroundings, setup.source)
+            make = driver_loading.device_maker(name, table, surroundings, setup.source)
             device = (
                 SupervisedCamera(name, make, 1 / speed, simulated=table.simulated)
                 if name == "camera"
@@ -516,86 +491,3 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
     except ValueError as error:
         raise UserError(f"{setup.scene_source}: key 'effects': {error}.") from error
     return world
-
-
-def device_maker(
-    name: str, table: DeviceTable, surroundings: Surroundings, source: str
-) -> Callable[[], Any]:
-    """Return a function that opens a described device with its driver.
-
-    Raises UserError at once for an unknown driver, one that doesn't load, or wrong options.
-    """
-    installed = installed_drivers()
-    entry = installed.get(table.driver)
-    if entry is None:
-        raise UserError(
-            f"{source}: key 'devices.{name}.driver' is {table.driver!r}, which is unknown. "
-            f"{suggest_spelling(table.driver, installed)}"
-            f"Choose one of {', '.join(sorted(installed))}."
-        )
-    where = f"{source}: key 'devices.{name}"
-    if table.own_process:
-        return _hosted_device_maker(name, where, table, entry, surroundings)
-    try:
-        factory = entry.load()
-    except Exception as error:
-        raise UserError(
-            f"{where}.driver' is {table.driver!r}, which doesn't load: {error}. "
-            "Reinstall the package that provides it."
-        ) from error
-    if isinstance(factory, type):
-        _require_fit(factory, name, where, table)
-    signature = inspect.signature(factory)
-    try:
-        signature.bind(surroundings, **table.options)
-    except TypeError as error:
-        known = [p for p in signature.parameters if p != "surroundings"]
-        unknown = [option for option in table.options if option not in known]
-        said = f"has {unknown[0]!r}, which is unknown" if unknown else f"is wrong: {error}"
-        raise UserError(
-            f"{where}.options' {said}. {suggest_spelling(unknown[0], known) if unknown else ''}"
-            f"{table.driver} takes {', '.join(known) or 'no options'}."
-        ) from error
-    try:
-        require_option_types(signature, table.options)
-    except ValueError as error:
-        raise UserError(f"{where}.options': {error}.") from error
-    return _with_user_errors(where, table, lambda: factory(surroundings, **table.options))
-
-
-def _require_fit(device: Any, role: str, where: str, table: DeviceTable) -> Any:
-    """Return a device, or its class; raise UserError if its driver is for another role."""
-    if doubt := misfit(device, role):
-        raise UserError(f"{where}.driver' is {table.driver!r}, which {doubt}. Name another driver.")
-    return device
-
-
-def _hosted_device_maker(
-    name: str, where: str, table: DeviceTable, entry: EntryPoint, surroundings: Surroundings
-) -> Callable[[], Any]:
-    if table.is_simulated:
-        raise UserError(
-            f"{where}.own_process' is true, and simulated devices share one world. Remove it."
-        )
-    # A real device doesn't use the virtual world, which can't be passed to another process either.
-    real = Surroundings(surroundings.clock)
-
-    def make() -> Any:
-        device = HostedDevice(real, table.driver, entry.value, table.options)
-        return _require_fit(device, name, where, table)
-
-    return _with_user_errors(where, table, make)
-
-
-def _with_user_errors(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:
-    """Wrap a device's maker, so that its errors about options name the bench file's key."""
-
-    def make_device() -> Any:
-        try:
-            return make()
-        except (TypeError, ValueError, IndexError) as error:
-            raise UserError(
-                f"{where}.options' is {table.options}: {error}. Correct the value."
-            ) from error
-
-    return make_device

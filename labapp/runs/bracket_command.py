@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench, BenchFiles, open_bench
@@ -23,9 +24,7 @@ from labapp.patterns.grey_levels import compute_patterns
 from labapp.runs.acquisition.bracket_metering import BracketMetering
 from labapp.runs.acquisition.feasibility import expected_plan, feasible_shots
 from labapp.runs.acquisition.hooks import Hooks
-from labapp.runs.brackets.choice import equal_ladders
-from labapp.runs.brackets.drawing import draw_brackets
-from labapp.runs.brackets.limits import bracket_limits, wanted_snr
+from labapp.runs.brackets.choice import bracket_limits, equal_ladders, wanted_snr
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.run_commands import ExecutionOptions, attended_run
 from optics.hdr import ChosenBracket
@@ -163,17 +162,14 @@ def _print(block: Acquisition, chosen: ChosenTable, brackets: dict[str, ChosenBr
     rows = [
         [f"{rate:.3g}", *(f"{column[n]:.1f}" for column in columns)] for n, rate in enumerate(rates)
     ]
-    print_table("Signal-to-noise ratio in dB", ["electrons/s ", *_right(names)], rows)
+    # A blank at the end of a heading aligns its numbers right.
+    headings = ["electrons/s ", *(f"{name} " for name in names)]
+    print_table("Signal-to-noise ratio in dB", headings, rows)
     totals = [[name, one.frames, f"{one.duration:.4g}"] for name, one in brackets.items()]
     taken = "s with dark frames " if chosen.darks else "s with read-out "
     print_table("Beside ladders that reach the same", ["bracket", "frames ", taken], totals)
     exposures = ", ".join(f"{ms:g}" for ms in block.exposures_ms or ())
     out.print(f"In a plan: exposures_ms = [{exposures}]", markup=False, soft_wrap=True)
-
-
-def _right(names: Sequence[str]) -> list[str]:
-    """Mark headings as those of columns of numbers, which print_table() aligns right."""
-    return [f"{name} " for name in names]
 
 
 def _as_data(block: Acquisition, brackets: dict[str, ChosenBracket]) -> dict[str, Any]:
@@ -190,3 +186,29 @@ def _as_data(block: Acquisition, brackets: dict[str, ChosenBracket]) -> dict[str
             for name, one in brackets.items()
         },
     }
+
+
+_LOOK = {"chosen": ("#c0392b", 2.2), "x2": ("#2c7fb8", 1.2), "x4": ("#41ab5d", 1.2)}
+"""Colour and width of a bracket's line; the ladder that isn't named is grey."""
+
+
+def draw_brackets(
+    brackets: Mapping[str, ChosenBracket], rates: NDArray[np.float64], wanted_db: float
+) -> Figure:
+    """Draw the chosen bracket with ladders that reach the same.
+
+    rates: electrons/s.
+    """
+    figure = Figure(figsize=(8, 4.5), dpi=120, layout="constrained")
+    axes = figure.subplots()
+    for name, bracket in brackets.items():
+        colour, width = _LOOK.get(name, ("#888888", 1.2))
+        label = f"{name}: {bracket.frames} frames"
+        axes.plot(rates, bracket.snr_db(rates), color=colour, lw=width, label=label)
+    axes.axhline(wanted_db, color="black", lw=1, ls="--", label=f"wanted: {wanted_db:g} dB")
+    axes.set_xscale("log")
+    axes.set_xlabel("rate in electrons/s")
+    axes.set_ylabel("signal-to-noise ratio in dB")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="upper left", fontsize=9)
+    return figure

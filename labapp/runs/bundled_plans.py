@@ -14,14 +14,14 @@ from labapp.files.reading import read_file
 
 def list_plans(*, as_json: bool) -> None:
     """Print the bundled plans, and what each needs of a bench."""
-    listed = [_plan_entry(name, _describe(path)) for name, path in bundled_plans().items()]
+    listed = []
+    for name, path in bundled_plans().items():
+        facts = _describe(path)
+        what = f"{facts['title']}. {facts['comment']}"
+        needs = f"needs {_describe_requirements(facts)}"
+        listed.append(ListEntry(name, what, lines=[needs], facts=facts))
     example = "labapp run coded-snapshot --out run.h5\nWhat one takes: labapp plan check NAME"
     print_list(listed, as_json=as_json, example=example)
-
-
-def _plan_entry(name: str, facts: dict[str, Any]) -> ListEntry:
-    what = f"{facts['title']}. {facts['comment']}"
-    return ListEntry(name, what, lines=[f"needs {_describe_requirements(facts)}"], facts=facts)
 
 
 def _describe(path: Path) -> dict[str, Any]:

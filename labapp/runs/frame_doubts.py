@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,41 +20,16 @@ if TYPE_CHECKING:
     from optics.camera import Camera, Sensor
 
 
-@dataclass(frozen=True)
-class DoubtLimits:
-    """Tune what a frame must show lest a person is asked about it.
-
-    dark_clipped: share of saturated pixels in a dark frame that hot pixels may cause. Chosen; hot
-        pixels are some in ten thousand.
-    dark_excess: share of the full scale by which the middle pixel of a dark frame may exceed what
-        is expected. Chosen, so that a black level a few digital numbers off raises no doubt.
-    warm: factor by which the dark current may exceed its description. Chosen: it doubles about
-        every 7 K.
-    sigmas: standard deviations of the noise above which a pixel has light. Chosen: noise alone has
-        one such pixel in 1e9.
-    lit_pixels: pixels with light that a target has at least. Chosen; a star in focus has as many.
-    extended: brightness of the middle pixel over that of a bright one, from which on a star is
-        none. Chosen; a star's is below 1e-2.
-    widest_star: width of a star with the neutral pattern in pixels, from which on it is out of
-        focus if diffraction is much finer. Chosen.
-    blur: the same as a multiple of the diffraction's width. Chosen.
-    """
-
-    dark_clipped: float = 0.005
-    dark_excess: float = 0.005
-    warm: float = 10.0
-    sigmas: float = 6.0
-    lit_pixels: int = 9
-    extended: float = 0.2
-    widest_star: float = 8.0
-    blur: float = 5.0
-
-
-_LIMITS = DoubtLimits()
-
-_CLIPPED_STAR = 1e-6
-"""Share of saturated pixels up to which a star's brightest pixels can be told apart. Chosen: a
-few hot pixels in five megapixels."""
+# What a frame must show lest a person is asked about it; all chosen.
+_DARK_CLIPPED = 0.005  # share of a dark frame's pixels that hot ones may saturate; they are 1e-4
+_DARK_EXCESS = 0.005  # of the full scale, by which a dark frame's middle pixel may be too bright
+_WARM = 10.0  # factor by which the dark current may exceed its description; 7 K double it
+_SIGMAS = 6.0  # of the noise, above which a pixel has light; noise alone has 1e-9 such pixels
+_LIT_PIXELS = 9  # with light, that a target has at least; a star in focus has as many
+_EXTENDED = 0.2  # brightness of the middle pixel over a bright one's; below 1e-2 for a star
+_WIDEST_STAR = 8.0  # pixels, from which on a star is out of focus if diffraction is much finer
+_BLUR = 5.0  # the same as a multiple of the diffraction's width
+_CLIPPED_STAR = 1e-6  # share of saturated pixels; some hot ones in five megapixels
 
 
 class FrameDoubts:
@@ -109,14 +83,10 @@ def target_doubt(
     exposure: float,
     image: NDArray[np.uint16],
 ) -> str:
-    """Return how a single frame doesn't fit the target that a person has placed; "" if it fits.
+    """Return how a single frame in DN doesn't fit the target that a person placed; "" if it fits.
 
-    Targets and patterns are known by their usual names: "dark", "star" and "neutral".
-
-    target, pattern: the target that was confirmed, and the pattern on the SLM.
-    wavelength: metres.
-    exposure: seconds.
-    image: (rows, columns), DN.
+    Targets and patterns are known by their usual names: "dark", "star" and "neutral". wavelength:
+    metres. exposure: seconds.
     """
     usual, sensor = Reconstruction(coded=""), camera.sensor
     if target == usual.dark:
@@ -129,16 +99,12 @@ def target_doubt(
 
 
 def light_in_the_dark(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) -> str:
-    """Return how a dark frame shows light; "" if it doesn't.
-
-    exposure: seconds.
-    image: (rows, columns), DN.
-    """
+    """Return how a dark frame in DN, exposed for seconds, shows light; "" if it doesn't."""
     clipped = _clipped_share(sensor, image)
-    if clipped > _LIMITS.dark_clipped:
+    if clipped > _DARK_CLIPPED:
         return f"{100 * clipped:.2g} % of the pixels of this dark frame are saturated"
     level, noise = _dark_level(sensor, exposure)
-    allowed = max(_LIMITS.sigmas * noise, _LIMITS.dark_excess * sensor.full_scale)
+    allowed = max(_SIGMAS * noise, _DARK_EXCESS * sensor.full_scale)
     # Where fewer than half of the pixels exceed it, the middle one doesn't.
     if 2 * np.count_nonzero(image > level + allowed) < image.size:
         return ""
@@ -149,12 +115,8 @@ def light_in_the_dark(sensor: Sensor, exposure: float, image: NDArray[np.uint16]
 
 
 def lack_of_light(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) -> str:
-    """Say that a target's longest exposure shows no light; "" if it shows some.
-
-    exposure: seconds.
-    image: (rows, columns), DN.
-    """
-    if np.count_nonzero(image > _lit_level(sensor, exposure)) >= _LIMITS.lit_pixels:
+    """Say that a target's longest exposure, in seconds, shows no light; "" if it shows some."""
+    if np.count_nonzero(image > _lit_level(sensor, exposure)) >= _LIT_PIXELS:
         return ""
     return "no pixel has light: the target is missing, or the light is off"
 
@@ -163,19 +125,16 @@ def star_that_is_none(sensor: Sensor, exposure: float, image: NDArray[np.uint16]
     """Say that a frame of the star shows something extended; "" if it shows a point.
 
     A frame with saturated pixels isn't judged, because bright and very bright can't be told apart
-    in it.
-
-    exposure: seconds.
-    image: (rows, columns), DN.
+    in it. exposure: seconds.
     """
-    if _is_clipped(sensor, image):
+    if _clipped_share(sensor, image) > _CLIPPED_STAR:
         return ""
     level, _ = _dark_level(sensor, exposure)
     bright = float(np.quantile(image, 0.999))
     if bright <= _lit_level(sensor, exposure):
         return ""
     share = (float(np.median(image)) - level) / (bright - level)
-    if share <= _LIMITS.extended:
+    if share <= _EXTENDED:
         return ""
     return f"its middle pixel has {100 * share:.0f} % of the brightest ones' light: this is no star"
 
@@ -188,32 +147,28 @@ def star_out_of_focus(
     Its width is the diameter of a disk with the area in which the star has half its peak or more.
     In focus it is about that of diffraction, 1.03 λ N (Goodman, Introduction to Fourier Optics,
     sec. 4.4), with N the image distance over the stop's diameter. A frame isn't judged if pixels
-    are saturated, or if the star is dim.
-
-    wavelength: metres.
-    exposure: seconds.
-    image: (rows, columns), DN.
+    are saturated, or if the star is dim. wavelength: metres. exposure: seconds.
     """
     sensor = camera.sensor
-    if _is_clipped(sensor, image):
+    if _clipped_share(sensor, image) > _CLIPPED_STAR:
         return ""
     level = float(np.median(image))
-    above = float(np.partition(image, -_LIMITS.lit_pixels, axis=None)[-_LIMITS.lit_pixels]) - level
+    above = float(np.partition(image, -_LIT_PIXELS, axis=None)[-_LIT_PIXELS]) - level
     _, noise = _dark_level(sensor, exposure)
     # Half of a dim peak lies within the noise.
-    if above < 4 * _LIMITS.sigmas * noise:
+    if above < 4 * _SIGMAS * noise:
         return ""
     width = 2 * math.sqrt(np.count_nonzero(image - level >= above / 2) / math.pi)
     number = camera.lens.image_distance * camera.lens.f_number / camera.lens.focal_length
     finest = max(1.03 * wavelength * number / sensor.pitch, 1.0)
-    if width <= max(_LIMITS.widest_star, _LIMITS.blur * finest):
+    if width <= max(_WIDEST_STAR, _BLUR * finest):
         return ""
     return f"the star is {width:.0f} pixels wide, and {finest:.1f} in focus: focus the lens"
 
 
 def _dark_level(sensor: Sensor, exposure: float) -> tuple[float, float]:
     """Return the highest level that darkness has, and its noise, both in DN."""
-    electrons = _LIMITS.warm * sensor.dark_current * exposure
+    electrons = _WARM * sensor.dark_current * exposure
     noise = math.sqrt(sensor.read_noise**2 + electrons) / sensor.gain
     return sensor.black_level + electrons / sensor.gain, math.hypot(noise, 1 / math.sqrt(12))
 
@@ -221,11 +176,7 @@ def _dark_level(sensor: Sensor, exposure: float) -> tuple[float, float]:
 def _lit_level(sensor: Sensor, exposure: float) -> float:
     """Return the digital number above which a pixel has light."""
     level, noise = _dark_level(sensor, exposure)
-    return level + _LIMITS.sigmas * noise
-
-
-def _is_clipped(sensor: Sensor, image: NDArray[np.uint16]) -> bool:
-    return _clipped_share(sensor, image) > _CLIPPED_STAR
+    return level + _SIGMAS * noise
 
 
 def _clipped_share(sensor: Sensor, image: NDArray[np.uint16]) -> float:

@@ -26,7 +26,7 @@ from labapp.runs.acquisition.feasibility import (
 )
 from labapp.runs.acquisition.frame_delays import measure_frame_delays
 from labapp.runs.acquisition.frame_storage import UNTOLD, free_bytes, require_space
-from labapp.runs.brackets.extremes import possible_plans
+from labapp.runs.brackets.choice import possible_plans
 from labapp.runs.bundled_plans import abbreviate_list, format_range
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.readouts import Readout
@@ -40,9 +40,7 @@ class Preview:
     """What a plan takes on a bench.
 
     If exposures are to be chosen, shots and estimate are those in the brightest light that the
-    camera can take, and most those that take longest and need most space.
-
-    source: file of the plan.
+    camera can take, and most those that take longest and need most space. source: file of the plan.
     free: bytes that are free in the current folder.
     """
 
@@ -72,7 +70,11 @@ def check_plan(
         preview = preview_plan(named_plan.plan, named_plan.path, opened)
         _require_reconstruction_frames(preview)
         require_space(Path.cwd(), preview.estimate.disk_bytes)
-        _try_patterns(preview, opened)
+        patterns = named_plan.plan.patterns.items()
+        quick = {name: pattern.with_least_work() for name, pattern in patterns}
+        with terminal_progress() as progress:
+            folder, seed = named_plan.path.parent, named_plan.plan.seed
+            compute_patterns(quick, opened.description, seed, progress, folder)
     if as_json:
         print_json(_as_data(preview))
         return
@@ -149,14 +151,6 @@ def _require_reconstruction_frames(preview: Preview) -> None:
                 f"{where} lacks 'wavelength_nm', and {target!r} is taken at "
                 f"{abbreviate_list(_nm(sorted(found)))} nm. Choose one."
             )
-
-
-def _try_patterns(preview: Preview, bench: Bench) -> None:
-    """Compute the patterns on trial; raise UserError if the bench's panel can't show one."""
-    plan = preview.plan
-    quick = {name: pattern.with_least_work() for name, pattern in plan.patterns.items()}
-    with terminal_progress() as progress:
-        compute_patterns(quick, bench.description, plan.seed, progress, preview.source.parent)
 
 
 def _print_summary(preview: Preview) -> None:

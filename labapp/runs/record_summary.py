@@ -1,8 +1,10 @@
-"""The command `labapp show`: print the contents of a record."""
+"""The command `labapp show`: print the contents of a record, with what the simulator did."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,6 @@ from numpy.typing import NDArray
 from labapp.common.console import out, print_json, print_table, styled_line
 from labapp.files.frame_list import format_frame_list
 from labapp.files.plan_file import ROLES
-from labapp.runs.effect_plan_tables import show_effects
 from labapp.runs.record.reader import Record
 from labapp.runs.recorded_calibrations import calibrations_in_force, clip_level_in_force
 from labapp.runs.shots import group_codes
@@ -45,7 +46,12 @@ def show_record(path: Path, *, as_json: bool) -> None:
     if data["message"]:
         out.print(data["message"])
     out.print()
-    _print_groups(data["groups"])
+    # How frames are read is told where that was chosen.
+    groups = data["groups"]
+    read = ["read"] if any(group["readout"] for group in groups) else []
+    columns = ["role", "target", "pattern", *read, "wavelength nm ", "exposures ms ", "frames "]
+    rows = [[one for name, one in group.items() if read or name != "readout"] for group in groups]
+    print_table("Frames", columns, rows)
     devices = [[name, *device.values()] for name, device in data["devices"].items()]
     print_table("Devices", ["device", "model", "serial", "simulated"], devices)
     if data["effect_plan"]:
@@ -54,14 +60,6 @@ def show_record(path: Path, *, as_json: bool) -> None:
     if lines and (count := numbered[-1][0]) > len(lines):
         out.print(f"The last {len(lines)} of {count} lines of the log; --json prints all:")
     print_table("Log", ["bench time s ", ""], lines)
-
-
-def _print_groups(groups: list[dict[str, Any]]) -> None:
-    """Print the groups of frames, with how they are read where that was chosen."""
-    read = ["read"] if any(group["readout"] for group in groups) else []
-    columns = ["role", "target", "pattern", *read, "wavelength nm ", "exposures ms ", "frames "]
-    rows = [[one for name, one in group.items() if read or name != "readout"] for group in groups]
-    print_table("Frames", columns, rows)
 
 
 def record_data(record: Record) -> dict[str, Any]:
@@ -128,3 +126,71 @@ def _distinct_exposures(
     for number, one in zip(group[new].tolist(), seconds[new].tolist(), strict=True):
         listed[number].append(one)
     return listed
+
+
+def show_effects(effect_plan: dict[str, Any]) -> None:
+    """Print each simulated effect's levels and largest error."""
+    if "plans" in effect_plan:
+        _show_plans(effect_plan["plans"])
+    else:
+        _print_legacy_plans(effect_plan)
+
+
+def _show_plans(plans: Sequence[dict[str, Any]]) -> None:
+    count, tolerances = len(plans), sorted({plan["tol"] for plan in plans})
+    pictures = f"{count} different pictures" if count > 1 else "its picture"
+    names = dict.fromkeys(one["effect"] for plan in plans for one in plan["decisions"])
+    tolerance = " and ".join(f"{tol:g}" for tol in tolerances)
+    # Records from before there were estimates don't say what decided.
+    estimated = any(plan.get("decided_by") == "estimate" for plan in plans)
+    print_table(
+        f"What the simulator did for {pictures}, tolerance {tolerance}",
+        ["effect", "level", "likely " if estimated else "at most ", "why"],
+        [_row(name, plans) for name in names],
+    )
+    worst = max(plans, key=lambda plan: _size(plan["error"]))
+    out.print(
+        f"All are within {format_share(worst['error'])} of everything on"
+        f"{', as estimated' if estimated else ''}; the farthest is "
+        f"{worst['target']}, {worst['pattern']}, {worst['wavelength_nm']:g} nm, "
+        f"{worst['exposure_ms']:g} ms."
+    )
+    out.print()
+
+
+def _row(name: str, plans: Sequence[dict[str, Any]]) -> list[str]:
+    """Return an effect's row: levels, largest error bound, and reason."""
+    found = [one for plan in plans for one in plan["decisions"] if one["effect"] == name]
+    levels = list(dict.fromkeys(one["level"] for one in found))
+    level = " or ".join(levels)
+    if any(one["forced"] for one in found):
+        level += ", forced"
+    # Among equal bounds, take the plan with the largest estimated change of the picture.
+    most = max(found, key=lambda one: (_size(one["relative"]), one["estimate"]))
+    return [name, level, format_share(most["relative"]), most["why"]]
+
+
+def format_share(value: float | None) -> str:
+    """Format a picture's relative error; None means that it has no bound."""
+    return "∞" if value is None else f"{value:.1e}" if value else "0"
+
+
+def _size(value: float | None) -> float:
+    return math.inf if value is None else value
+
+
+def _print_legacy_plans(plans: dict[str, Any]) -> None:
+    """Print the plans of an old record, which has only an estimate of each effect."""
+    for name, plan in plans.items():
+        rows = [
+            [
+                one["effect"],
+                "on" if one["on"] else "off",
+                f"{one['estimate']:.2g}",
+                one["measure"],
+                one["why"],
+            ]
+            for one in plan["decisions"]
+        ]
+        heading = f"What the simulator did for {name}, tolerance {plan['tol']:g}"
+        print_table(heading, ["effect", "", "estimate ", "of", "why"], rows)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from drivers.interfaces import Frame
 from labapp.bench.opening import Bench, BenchFiles, BenchSetup, open_bench
@@ -19,8 +18,14 @@ from labapp.files.plan_file import NamedPlan, PlanFile
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.writing import make_folder
 from labapp.runs.acquisition.attendance import AskOperator, Attendance
-from labapp.runs.acquisition.queue import RunRequest, run_all
-from labapp.runs.acquisition.runner import RunOutcome, hold_record, resume_run, run_plan
+from labapp.runs.acquisition.runner import (
+    RunOutcome,
+    RunRequest,
+    hold_record,
+    resume_run,
+    run_all,
+    run_plan,
+)
 from labapp.runs.keyboard import open_keyboard
 from labapp.runs.record.reader import Record, file_sha256
 from labapp.runs.shots import Shot
@@ -61,6 +66,13 @@ def run_files(
         RunRequest(one.plan, record, str(one.path), one.path.parent)
         for one, record in zip(plans, records, strict=True)
     ]
+
+    def report(outcome: RunOutcome) -> None:
+        # The error of a run that was alone is raised at the end.
+        if len(plans) > 1 and (failure := _failure_of(outcome)) is not None:
+            print_error(str(failure))
+        _report_outcome(outcome, execution)
+
     with (
         open_bench(files, speed=execution.speed) as bench,
         attended_run(execution) as attendance,
@@ -70,12 +82,18 @@ def run_files(
             requests,
             attendance,
             force=execution.force,
-            on_outcome=lambda outcome: _report_one(outcome, execution, alone=len(plans) == 1),
+            on_outcome=report,
         )
     if execution.as_json:
         data = [_as_data(outcome) for outcome in outcomes]
         print_json(data if len(plans) > 1 else data[0])
-    _require_all_complete(outcomes, records)
+    failures = [found for one in outcomes if (found := _failure_of(one)) is not None]
+    if failures and len(records) == 1:
+        raise failures[0]
+    if failures:
+        unbegun = ", ".join(str(record) for record in records[len(outcomes) :])
+        then = f"; not begun: {unbegun}. Run their plans again" if unbegun else ""
+        raise type(failures[-1])(f"{len(failures)} of {len(records)} runs aren't COMPLETE{then}.")
 
 
 def run_written_plan(
@@ -91,14 +109,12 @@ def run_written_plan(
 
     Raises UserError if the run isn't COMPLETE, or Cancelled if it was cancelled.
     """
-    source = str(folder / PLAN_FILE)
-    record = folder / RECORD_FILE
     outcome = run_plan(
         bench,
         plan,
-        record,
+        folder / RECORD_FILE,
         Attendance(progress=progress, ask=ask),
-        source=source,
+        source=str(folder / PLAN_FILE),
         folder=folder,
         force=force,
     )
@@ -116,10 +132,12 @@ def resume_file(
             setup = bench_setup_of(opened, faults)
         if bench is None:
             _confirm_recorded_bench(setup, record, execution)
-        made_from = setup if bench is None else _with_bench(setup, bench)
+        else:
+            read = BenchFiles.with_defaults(bench).read()
+            setup = replace(setup, bench=read.bench, source=read.source)
         if not execution.as_json:
             print_message(f"{record}: {len(held.missing)} frames to take")
-        opened_bench = stack.enter_context(open_bench(made_from, speed=execution.speed))
+        opened_bench = stack.enter_context(open_bench(setup, speed=execution.speed))
         attendance = stack.enter_context(attended_run(execution))
         outcome = resume_run(opened_bench, held, attendance)
     _report_outcome(outcome, execution)
@@ -133,11 +151,12 @@ def _confirm_recorded_bench(setup: BenchSetup, record: Path, execution: Executio
 
     A record may come from somebody else. Raises UserError if nobody is there to answer.
     """
-    devices = [
-        f"  {role}: {table.driver}{_options_in_words(table.options)}"
-        for role, table in setup.bench.devices.run_devices.items()
-        if table.is_exclusive
-    ]
+    devices = []
+    for role, table in setup.bench.devices.run_devices.items():
+        if table.is_exclusive:
+            # By repr, they are on one line, without control characters.
+            options = ", ".join(f"{name} = {value!r}" for name, value in table.options.items())
+            devices.append(f"  {role}: {table.driver}" + (f" ({options})" if options else ""))
     if not devices or execution.yes:
         return
     print_message("\n".join((f"{record} opens these devices of this computer:", *devices)))
@@ -149,12 +168,6 @@ def _confirm_recorded_bench(setup: BenchSetup, record: Path, execution: Executio
             )
         print_message("Enter opens them, Ctrl-C ends.")
         keyboard.wait_for_enter(progress)
-
-
-def _options_in_words(options: Mapping[str, Any]) -> str:
-    """Return a device's options on one line without control characters."""
-    words = ", ".join(f"{name} = {value!r}" for name, value in options.items())
-    return f" ({words})" if words else ""
 
 
 def bench_setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
@@ -206,9 +219,7 @@ def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress
 
 
 @contextmanager
-def attended_run(
-    execution: ExecutionOptions,
-) -> Iterator[Attendance]:
+def attended_run(execution: ExecutionOptions) -> Iterator[Attendance]:
     """Yield what the person at the terminal sees, and is asked.
 
     Nobody is asked about doubted frames where nobody is at a terminal, or all prompts count as
@@ -235,9 +246,8 @@ def print_written_plan(
 ) -> None:
     """Print that a plan was written for later, and the commands to come.
 
-    patterns: number of its pattern files.
-    record: file that the run will write.
-    following: command after the run.
+    patterns: number of its pattern files. record: file that the run will write. following: command
+        after the run.
     """
     if as_json:
         print_json({"plan": str(plan), "patterns": patterns})
@@ -246,31 +256,6 @@ def print_written_plan(
     lines = f"wrote {plan}{both}. Then:\nlabapp run {shell_word(plan)} --out {shell_word(record)}"
     # A command to copy isn't broken into lines.
     out.print(f"{lines}\n{following}", soft_wrap=True)
-
-
-def _with_bench(setup: BenchSetup, bench: Path) -> BenchSetup:
-    read = BenchFiles.with_defaults(bench).read()
-    return replace(setup, bench=read.bench, source=read.source)
-
-
-def _require_all_complete(outcomes: Sequence[RunOutcome], records: Sequence[Path]) -> None:
-    """Raise the error of the only run, or tell how many of several aren't COMPLETE."""
-    failures = [found for one in outcomes if (found := _failure_of(one)) is not None]
-    if not failures:
-        return
-    if len(records) == 1:
-        raise failures[0]
-    unbegun = ", ".join(str(record) for record in records[len(outcomes) :])
-    then = f"; not begun: {unbegun}. Run their plans again" if unbegun else ""
-    raise type(failures[-1])(f"{len(failures)} of {len(records)} runs aren't COMPLETE{then}.")
-
-
-def _report_one(outcome: RunOutcome, execution: ExecutionOptions, *, alone: bool) -> None:
-    """Print how a run ended; if it isn't COMPLETE, only where no error will tell."""
-    failure = _failure_of(outcome)
-    if failure is not None and not alone:
-        print_error(str(failure))
-    _report_outcome(outcome, execution)
 
 
 def _report_outcome(outcome: RunOutcome, execution: ExecutionOptions) -> None:

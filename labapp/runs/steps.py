@@ -50,16 +50,13 @@ def planned_settings(
 
     Their exposures, and calibration frames, are left out.
     """
+    # What steps together does so without exposures and repeats.
+    kept = [tuple(a for a in group if a not in ("exposure", "repeat")) for group in block.together]
+    together = tuple(group for group in kept if len(group) > 1)
     alone = {"bracket": None, "periods": None, "exposures_ms": (1.0,)}
-    single = {"repeats": 1, "interleave": (), "together": _without_exposure(block)}
+    single = {"repeats": 1, "interleave": (), "together": together}
     each = block.model_copy(update=alone | single)
     return planned_shots(plan.model_copy(update={"acquire": (each,)}), capabilities)
-
-
-def _without_exposure(block: Acquisition) -> tuple[tuple[Axis, ...], ...]:
-    """Return the axes that step together, without exposures and repeats."""
-    kept = [tuple(a for a in group if a not in ("exposure", "repeat")) for group in block.together]
-    return tuple(group for group in kept if len(group) > 1)
 
 
 def block_exposures(

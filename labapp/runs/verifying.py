@@ -73,16 +73,13 @@ def verify(
         except ProcessEnded:
             code = process.exit_code(_STALL_TIMEOUT)
             if code is None or code < 0:
-                return _unreadable_verification(path)
+                detail = "is damaged so badly that HDF5 doesn't come back from it. "
+                wrong = RecordFinding("file", "WRONG", detail + advise_salvage(path))
+                return Verification(str(path), [wrong])
             complaints.seek(0)
             said = complaints.read().decode(errors="replace")
     # Damage of the record can't cause this failure, so it is an error of the program.
     raise RuntimeError(f"the checks of {path} failed: {said[-2000:]}")
-
-
-def _unreadable_verification(path: Path) -> Verification:
-    detail = f"is damaged so badly that HDF5 doesn't come back from it. {advise_salvage(path)}"
-    return Verification(str(path), [RecordFinding("file", "WRONG", detail)])
 
 
 def _as_data(found: Verification) -> dict[str, Any]:

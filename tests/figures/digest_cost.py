@@ -142,7 +142,6 @@ def _without_digests(path: Path) -> Iterator[Store]:
         def without(index: int, frame: Frame) -> None:
             with (
                 patch.object(digests, "image_digest", nothing),
-                patch.object(digests, "settings_digest", nothing),
                 patch.object(RecordWriter, "_append_link", lambda *_: None),
             ):
                 store(index, frame)

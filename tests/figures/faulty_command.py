@@ -67,7 +67,7 @@ class FaultyCommands(ForkServer):
 
 def _obey() -> None:
     """Fork a command for every line; this process has no thread that a fork could lose."""
-    import labapp.bench.opening
+    import labapp.bench.driver_loading
     import labapp.cli
     import labapp.runs.record.checks
     import labapp.runs.run_commands
@@ -75,8 +75,8 @@ def _obey() -> None:
 
     # Records are checked in the process that asks, which takes no time to begin.
     labapp.runs.verifying.verify = labapp.runs.record.checks.check_record
-    known = labapp.bench.opening.installed_drivers() | {_CAMERA.name: _CAMERA}
-    labapp.bench.opening.installed_drivers = lambda: known
+    known = labapp.bench.driver_loading.installed_drivers() | {_CAMERA.name: _CAMERA}
+    labapp.bench.driver_loading.installed_drivers = lambda: known
     print("ready", flush=True)
     for line in sys.stdin:
         order = json.loads(line)

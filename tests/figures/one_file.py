@@ -13,7 +13,7 @@ import numpy as np
 from figures import Figure
 from figures.rivals import WORKS, Deed, Rivals
 from labapp.common.errors import UserError
-from labapp.runs.export.naming import TABLE
+from labapp.runs.export.export_job import TABLE
 from labapp.runs.record.digests import image_digest
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State

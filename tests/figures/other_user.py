@@ -17,8 +17,7 @@ from drivers.errors import DeviceError
 from drivers.x11 import XConnection
 from figures import Figure
 from figures.expected_time import served_bench
-from labapp.bench.device_names import device_names
-from labapp.bench.locking import lock_devices
+from labapp.bench.locking import device_names, lock_devices
 from labapp.bench.opening import BenchFiles, open_device
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile, DeviceTable

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from figures import Figure
 from figures.where import PACKAGES
-from labapp.bench.opening import DRIVER_GROUP
+from labapp.bench.driver_loading import DRIVER_GROUP
 from simulator.screens import NoXServer, xvfb
 from simulator.screens.server import authority_file
 

@@ -19,7 +19,7 @@ from labapp.files.reading import validate
 from labapp.runs.acquisition import hooks
 from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import resume_run, run_plan
-from labapp.runs.brackets.extremes import possible_plans
+from labapp.runs.brackets.choice import possible_plans
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from optics.camera import Sensor

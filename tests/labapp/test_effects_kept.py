@@ -14,12 +14,12 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.patterns.grey_levels import compute_patterns
-from labapp.runs.acquisition.effects import effect_plans
 from labapp.runs.acquisition.feasibility import _DECISIONS
+from labapp.runs.acquisition.record_contents import effect_plans
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.capabilities import BenchCapabilities
-from labapp.runs.effect_plan_tables import show_effects
 from labapp.runs.record.reader import Record
+from labapp.runs.record_summary import show_effects
 from labapp.runs.steps import planned_shots
 from optics.progress import Progress
 from simulator.imaging import Imaging, picture_key

@@ -19,8 +19,8 @@ from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile
 from labapp.files.frame_list import format_frame_list, read_frame_list
 from labapp.files.reading import bundled_path, read_file
-from labapp.runs.export import KINDS, FrameSelection, export_frames, naming, ome_tiff
-from labapp.runs.export.ome import NAMESPACE
+from labapp.runs.export import KINDS, FrameSelection, export_frames, export_job, ome_tiff
+from labapp.runs.export.ome_tiff import NAMESPACE
 from labapp.runs.record import layout
 from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.reader import Record
@@ -348,7 +348,7 @@ def test_a_record_without_a_frame_exports_nothing(labapp, tmp_path, folder):
 
 
 def test_long_names_are_cut():
-    name = naming._plain("µ" * 200)
+    name = export_job._plain("µ" * 200)
     assert name == "µ" * 30
 
 

@@ -8,9 +8,8 @@ from plans import block, plan_of
 
 from labapp.bench.opening import open_bench
 from labapp.files.plan_file import Reconstruction
-from labapp.runs.acquisition.attendance import Attendance
+from labapp.runs.acquisition.attendance import Attendance, Idle
 from labapp.runs.acquisition.runner import resume_run, run_plan
-from labapp.runs.acquisition.waiting import Idle
 from labapp.runs.frame_doubts import (
     FrameDoubts,
     lack_of_light,

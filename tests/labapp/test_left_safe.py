@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from labapp.bench.left_safe import guarded_devices
-from labapp.bench.opening import installed_drivers
+from labapp.bench.driver_loading import guarded_devices
 from labapp.files.bench_file import DeviceTable
 
 
@@ -28,7 +27,7 @@ from labapp.files.bench_file import DeviceTable
 )
 def test_what_stays_as_it_is_when_the_application_is_killed_is_guarded(driver, more, guarded):
     """And not what has a process of its own, or is gone with the application."""
-    found = guarded_devices({"it": DeviceTable(driver=driver, **more)}, installed_drivers())
+    found = guarded_devices({"it": DeviceTable(driver=driver, **more)})
     assert [(one.name, one.options) for one in found] == (
         [(f"it ({driver})", more.get("options", {}))] if guarded else []
     )

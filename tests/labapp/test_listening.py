@@ -12,7 +12,7 @@ import time
 PATIENCE = 60.0
 
 LISTENER = """
-from labapp.bench.virtual_bench.command_input import read_commands
+from labapp.bench.virtual_bench.command_interpreter import read_commands
 
 class Talk:
     is_over = False

@@ -12,11 +12,11 @@ from datetime import date
 import forked
 import pytest
 
+import labapp.bench.driver_loading
 import labapp.bench.opening
 from drivers.interfaces import Identity
 from labapp.bench import locking
-from labapp.bench.device_names import device_names
-from labapp.bench.locking import lock_devices, lock_serial_number
+from labapp.bench.locking import device_names, lock_devices, lock_serial_number
 from labapp.bench.opening import open_bench
 from labapp.common import named_locks
 from labapp.common.errors import UserError
@@ -160,8 +160,8 @@ def test_a_bench_in_use_is_not_opened(bench, owner, small, monkeypatch):
 
     path = bench(camera=ACME)
     owner(path)
-    known = {**labapp.bench.opening.installed_drivers(), "acme-camera": Acme}
-    monkeypatch.setattr(labapp.bench.opening, "installed_drivers", lambda: known)
+    known = {**labapp.bench.driver_loading.installed_drivers(), "acme-camera": Acme}
+    monkeypatch.setattr(labapp.bench.driver_loading, "installed_drivers", lambda: known)
     files = labapp.bench.opening.BenchFiles(path, small.scene)
     with (
         pytest.raises(UserError, match=r"the camera .* is in use by .* \(process \d+\)"),
@@ -382,7 +382,7 @@ def test_a_device_keeps_its_name_when_it_is_plugged_in_again(bench, tmp_path, mo
     files = [tmp_path / f"ttyUSB{number}" for number in range(2)]
     for file in files:
         file.touch()
-    monkeypatch.setattr("labapp.bench.device_names._LINK_FOLDERS", (str(folder),))
+    monkeypatch.setattr("labapp.bench.locking._LINK_FOLDERS", (str(folder),))
     link = folder / "usb-ACME_7"
     tables = [f'driver = "varispec"\noptions = {{ port = "{file}" }}' for file in files]
     link.symlink_to(files[0])

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from drivers.interfaces import Identity
 from labapp.runs.acquisition.feasibility import estimate_run
 from labapp.runs.export.export_job import ExportJob
-from labapp.runs.export.ome import ome_xml
+from labapp.runs.export.ome_tiff import ome_xml
 from labapp.runs.record.checks import check_record
 from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.reader import Record

@@ -9,7 +9,7 @@ import tomllib
 import pytest
 from pydantic import AwareDatetime, TypeAdapter
 
-from labapp.bench.opening import device_maker
+from labapp.bench.driver_loading import device_maker
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile, DeviceTable
 from labapp.files.camera_file import CameraFile

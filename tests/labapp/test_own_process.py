@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import labapp.bench.opening
-from labapp.bench.opening import DRIVER_GROUP, open_bench
+import labapp.bench.driver_loading
+from labapp.bench.driver_loading import DRIVER_GROUP
+from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
@@ -27,9 +28,9 @@ CAMERA = EntryPoint("strange-camera", "small_bench.strange_camera:StrangeCamera"
 @pytest.fixture
 def strange(small, tmp_path, monkeypatch):
     """The bench files with a third party's camera in place of the simulated one."""
-    known = labapp.bench.opening.installed_drivers()
+    known = labapp.bench.driver_loading.installed_drivers()
     monkeypatch.setattr(
-        labapp.bench.opening, "installed_drivers", lambda: known | {CAMERA.name: CAMERA}
+        labapp.bench.driver_loading, "installed_drivers", lambda: known | {CAMERA.name: CAMERA}
     )
     text = small.bench.read_text().replace(
         'driver = "simulated-camera"',

@@ -15,7 +15,7 @@ from _pytest.mark import ParameterSet
 import labapp.cli
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
-from labapp.bench.opening import device_maker, installed_drivers
+from labapp.bench.driver_loading import device_maker, installed_drivers
 from labapp.common.guide import list_topics
 from labapp.files.bench_file import DevicesTable
 from labapp.files.pattern_table import STILL_PATTERNS

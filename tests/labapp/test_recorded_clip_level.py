@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from plans import block, plan_of
 
-import labapp.bench.opening
+import labapp.bench.driver_loading
 from drivers.interfaces import Frame, Identity, Setting
-from labapp.bench.opening import DRIVER_GROUP, BenchFiles, open_bench
+from labapp.bench.driver_loading import DRIVER_GROUP
+from labapp.bench.opening import BenchFiles, open_bench
 from labapp.pictures.merging.bracket_record import RecordedFrames, read_recorded_bracket
 from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import resume_run, run_plan
@@ -64,9 +65,9 @@ class EarlyCamera:
 
 @pytest.fixture
 def files(small, monkeypatch):
-    known = labapp.bench.opening.installed_drivers()
+    known = labapp.bench.driver_loading.installed_drivers()
     monkeypatch.setattr(
-        labapp.bench.opening, "installed_drivers", lambda: known | {CAMERA.name: CAMERA}
+        labapp.bench.driver_loading, "installed_drivers", lambda: known | {CAMERA.name: CAMERA}
     )
     text = small.bench.read_text().replace('"simulated-camera"', f'"{CAMERA.name}"')
     small.bench.write_text(text)

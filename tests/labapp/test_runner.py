@@ -21,8 +21,7 @@ from labapp.files.reading import read_file
 from labapp.runs.acquisition import feasibility, frame_storage, hooks
 from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.feasibility import estimate_run
-from labapp.runs.acquisition.queue import RunRequest, run_all
-from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.acquisition.runner import RunRequest, resume_run, run_all, run_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State

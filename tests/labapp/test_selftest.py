@@ -15,7 +15,7 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting
 from drivers.ports import Port
 from labapp.bench import device_listing
-from labapp.bench import opening as bench_module
+from labapp.bench import driver_loading as bench_module
 from labapp.bench.selftest.checks import run_checks
 from labapp.bench.selftest.role_checks import device_checks
 from labapp.cli import app

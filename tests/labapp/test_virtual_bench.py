@@ -292,7 +292,7 @@ def test_a_wheel_that_cannot_be_is_told(small, labapp):
 
 
 def test_the_bench_file_keeps_what_it_cannot_say_in_json(small, tmp_path):
-    from labapp.bench.virtual_bench.bench_text import bench_text
+    from labapp.bench.virtual_bench.serving import bench_text
 
     text = small.bench.read_text().replace("focus_distance_m = 2.0", "focus_distance_m = inf")
     small.bench.write_text(text.replace('"Small bench"', "'Bänk \"7\" \U0001f52d'"))

@@ -13,7 +13,7 @@ from drivers.errors import DeviceError
 from drivers.manual import ManualTargets
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
-from labapp.runs.acquisition.waiting import wait_until
+from labapp.runs.acquisition.attendance import wait_until
 from labapp.window.commands import SetExposure, SetLive
 from labapp.window.engine.alignment import EXPOSURE_JOB, Alignment
 from labapp.window.engine.bench_controller import BenchController

@@ -147,7 +147,15 @@ class _CameraTest:
         setting = device.set_exposure(exposure)
         wait_until_ready(setting, self.clock)
         frame: Frame = device.capture(lambda: False)
-        _require_matching_frame(frame, setting.actual, device.shape)
+        if not math.isclose(frame.exposure, setting.actual, rel_tol=1e-6):
+            raise SelfTestFailure(
+                f"exposed {frame.exposure * 1e3:g} ms instead of {setting.actual * 1e3:g} ms"
+            )
+        if frame.image.shape != device.shape or frame.image.dtype != np.uint16:
+            raise SelfTestFailure(
+                f"a frame is {frame.image.shape} of {frame.image.dtype}, "
+                f"not {device.shape} of uint16"
+            )
         if self._frames and frame.number <= self._frames[-1].number:
             raise SelfTestFailure(
                 f"frame {frame.number} came after frame {self._frames[-1].number}"
@@ -195,7 +203,7 @@ class _CameraTest:
         tolerance = max(least, share * sensor.black_level, _SIGMAS * black.sigma)
         if abs(black.value - sensor.black_level) <= tolerance:
             return told
-        self._should_say(f"black_level_dn = {black.value:.4g}  # in [sensor]")
+        self.described.lines.append(f"black_level_dn = {black.value:.4g}  # in [sensor]")
         raise SelfTestFailure(f"{told}, and the bench file says {sensor.black_level:g}")
 
     def check_clip_level(self) -> str:
@@ -213,18 +221,16 @@ class _CameraTest:
             )
         what = {"converter": "the converter ends", "well": "the pixels are full"}[clip.limit]
         told = f"{clip.number} DN, where {what}, by {clip.pixels} pixels"
-        other = sensor is not None and self._is_other_clip(clip.number, clip.limit, sensor)
+        other = sensor is not None and (
+            (clip.limit == "converter" and clip.number < sensor.full_scale)
+            or clip.number < sensor.full_scale * (1 - _WELL_TOLERANCE)
+            or clip.number > sensor.top_number
+        )
         if other or not self.described.tells_clip_level:
-            self._should_say(f"clip_level_dn = {clip.number}  # in [sensor]")
+            self.described.lines.append(f"clip_level_dn = {clip.number}  # in [sensor]")
         if sensor is None or not other:
             return told
         raise SelfTestFailure(f"{told}, and by the bench file they clip at {sensor.full_scale}")
-
-    def _is_other_clip(self, number: int, limit: str, sensor: Sensor) -> bool:
-        """Return whether a clip level contradicts the described sensor."""
-        if limit == "converter" and number < sensor.full_scale:
-            return True
-        return number < sensor.full_scale * (1 - _WELL_TOLERANCE) or number > sensor.top_number
 
     def check_linearity(self) -> str:
         """Check that numbers rise with the exposure as light does."""
@@ -296,7 +302,7 @@ class _CameraTest:
             return self._check_frames_obey(exposures)
         option = str(self.device.latency_option)
         if self.described.options.get(option) != found:
-            self._should_say(f"{option} = {found}  # in the options of [devices.camera]")
+            self.described.lines.append(f"{option} = {found}  # in the options of [devices.camera]")
         return f"a new exposure holds after {found} frames, which are discarded from now on"
 
     def _find_latency(self) -> None:
@@ -332,18 +338,3 @@ class _CameraTest:
         if any(abs(first - second) > 0.3 * abs(high - low) for first, second in levels):
             raise SelfTestFailure("the first frame after a new exposure has the old one's light")
         return "the first frame after a new exposure has its light"
-
-    def _should_say(self, line: str) -> None:
-        self.described.lines.append(line)
-
-
-def _require_matching_frame(frame: Frame, exposure: float, shape: tuple[int, int]) -> None:
-    """Raise SelfTestFailure unless a frame is as requested: exposure, shape and type."""
-    if not math.isclose(frame.exposure, exposure, rel_tol=1e-6):
-        raise SelfTestFailure(
-            f"exposed {frame.exposure * 1e3:g} ms instead of {exposure * 1e3:g} ms"
-        )
-    if frame.image.shape != shape or frame.image.dtype != np.uint16:
-        raise SelfTestFailure(
-            f"a frame is {frame.image.shape} of {frame.image.dtype}, not {shape} of uint16"
-        )

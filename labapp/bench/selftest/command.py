@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from datetime import datetime
@@ -44,7 +44,17 @@ def run_selftest(
     told = DescribedCamera(camera.sensor, setup.bench.tells_clip_level, options, setup.source)
     found = _test_device(setup, role, told)
     assert described is not None
-    data = _as_data(role, setup.bench.name, described.model_dump(), found, told.lines)
+    data = {
+        "device": role,
+        "bench": setup.bench.name,
+        "table": described.model_dump(),
+        "well": all(one.passed for one in found),
+        "labapp": labapp.__version__,
+        "system": f"{platform.platform()}, Python {platform.python_version()}",
+        "time": datetime.now().astimezone().isoformat(timespec="seconds"),
+        "checks": [asdict(one) for one in found],
+        "should_say": told.lines,
+    }
     if report is not None:
         write_atomically(report, (json.dumps(data, indent=2) + "\n").encode())
     if as_json:
@@ -61,8 +71,13 @@ def _test_device(setup: BenchSetup, role: str, described: DescribedCamera) -> li
         opened: list[tuple[Any, Clock]] = []
 
         def open_it() -> str:
-            clock, devices = stack.enter_context(open_devices(setup, _needed(setup, role)))
-            _light_target(devices)
+            tables = setup.bench.devices.tables
+            # A simulated camera sees what the simulated target changer places.
+            both = role == "camera" and tables[role].is_simulated and tables["targets"].is_simulated
+            roles = (role, "targets") if both else (role,)
+            clock, devices = stack.enter_context(open_devices(setup, roles))
+            if both and (lit := [name for name in devices["targets"].names if name != "dark"]):
+                devices["targets"].place(lit[0])
             opened.append((devices[role], clock))
             return ""
 
@@ -72,46 +87,6 @@ def _test_device(setup: BenchSetup, role: str, described: DescribedCamera) -> li
         progress = stack.enter_context(terminal_progress())
         device, clock = opened[0]
         return run_checks(device_checks(role, device, clock, described), progress)
-
-
-def _needed(setup: BenchSetup, role: str) -> tuple[str, ...]:
-    """Return the devices that must be opened for a test.
-
-    A simulated camera sees what the simulated target changer places.
-    """
-    tables = setup.bench.devices.tables
-    both = role == "camera" and tables[role].is_simulated and tables["targets"].is_simulated
-    return (role, "targets") if both else (role,)
-
-
-def _light_target(devices: Mapping[str, Any]) -> None:
-    """Place a target that isn't dark before the simulated camera."""
-    if "camera" in devices and "targets" in devices:
-        changer = devices["targets"]
-        lit = [name for name in changer.names if name != "dark"]
-        if lit:
-            changer.place(lit[0])
-
-
-def _as_data(
-    role: str,
-    bench: str,
-    described: dict[str, Any],
-    found: list[CheckResult],
-    should_say: Sequence[str],
-) -> dict[str, Any]:
-    """Return the results as data for the JSON report."""
-    return {
-        "device": role,
-        "bench": bench,
-        "table": described,
-        "well": all(one.passed for one in found),
-        "labapp": labapp.__version__,
-        "system": f"{platform.platform()}, Python {platform.python_version()}",
-        "time": datetime.now().astimezone().isoformat(timespec="seconds"),
-        "checks": [asdict(one) for one in found],
-        "should_say": list(should_say),
-    }
 
 
 def _print(role: str, driver: str, found: list[CheckResult], should_say: Sequence[str]) -> None:

@@ -37,17 +37,23 @@ def device_checks(
     try:
         own = of_role[role](device, clock)
     except Exception as error:
-        own = [("what it can do", partial(_raise, error))]
+        failure = error
+
+        def fail() -> str:
+            raise failure
+
+        own = [("what it can do", fail)]
+
+    def safe() -> str:
+        device.make_safe()
+        return f"made safe; answers within {device.reply_time:g} s as documented"
+
     return [
         ("identity", lambda: identity_text(device)),
         ("what it says of itself", lambda: _health(device)),
         *own,
-        ("safe", lambda: _check_make_safe(device)),
+        ("safe", safe),
     ]
-
-
-def _raise(error: Exception) -> str:
-    raise error
 
 
 def _health(device: Any) -> str:
@@ -57,11 +63,6 @@ def _health(device: Any) -> str:
     except AttributeError:
         return "nothing: its driver has no such report"
     return "; ".join(f"{name}: {told}" for name, told in health.items())
-
-
-def _check_make_safe(device: Any) -> str:
-    device.make_safe()
-    return f"made safe; answers within {device.reply_time:g} s as documented"
 
 
 def _target_checks(device: Any, clock: Clock) -> list[Check]:

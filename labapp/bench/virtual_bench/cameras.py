@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from drivers.aravis.library_process import PACKAGES
 from drivers.aravis.pixel_formats import FORMATS
-from labapp.bench.virtual_bench.instruments import ServedInstrument, ServingContext, gige_instrument
+from labapp.bench.virtual_bench.instruments import ServedInstrument, ServingContext
 from labapp.common.errors import UserError
 from optics.camera import Sensor
-from simulator.wire.fake_gige import FakeGigECamera, NoAravis
+from simulator.wire.fake_gige import (
+    CAMERA_FAULT_KINDS,
+    CameraFault,
+    CameraFaultKind,
+    FakeGigECamera,
+    NoAravis,
+)
 
 _ADDRESS = "127.0.0.1"
 
@@ -53,4 +61,9 @@ def serve_camera(sensor: Sensor, site: ServingContext) -> ServedInstrument:
         "frame_timeout_ms": 30_000.0,
         "electrons_per_number": sensor.gain,
     }
-    return gige_instrument(options, camera, site.clock)
+
+    def fail(kind: str, seconds: float) -> None:
+        camera.inject(CameraFault(cast(CameraFaultKind, kind), site.clock.now(), seconds))
+
+    kinds = CAMERA_FAULT_KINDS
+    return ServedInstrument("aravis-camera", options, kinds, fail, camera.clear_faults)

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from drivers.interfaces import Clock
 from labapp.bench.virtual_bench.shared_world import SharedWorld
+from simulator.machines.cs2000 import CS2000Machine
 from simulator.machines.machine import SerialMachine
-from simulator.wire.fake_gige import CAMERA_FAULT_KINDS as CAMERA_KINDS
-from simulator.wire.fake_gige import CameraFault, CameraFaultKind, FakeGigECamera
 from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
 from simulator.wire.line import SimulatedLine
 from simulator.wire.pty import PtyLine
@@ -89,12 +88,8 @@ def _wait_for_port(port: Path | None, there: bool, clock: Clock) -> None:
         clock.wait_until(clock.now() + 1.0, lambda: port.is_symlink() == there)
 
 
-def gige_instrument(
-    options: dict[str, Any], camera: FakeGigECamera, clock: Clock
-) -> ServedInstrument:
-    """Return a served GigE camera with its driver options and faults."""
-
-    def fail(kind: str, seconds: float) -> None:
-        camera.inject(CameraFault(cast(CameraFaultKind, kind), clock.now(), seconds))
-
-    return ServedInstrument("aravis-camera", options, CAMERA_KINDS, fail, camera.clear_faults)
+def serve_spectroradiometer(site: ServingContext) -> ServedInstrument:
+    """Serve a simulated CS-2000 until the site's stack is left."""
+    machine = CS2000Machine(site.shared.radiance)
+    # A pseudo-terminal has no control lines, so that hardware flow control isn't possible.
+    return serve_on_serial_line(site, "cs2000", machine, 115200, rtscts=False)

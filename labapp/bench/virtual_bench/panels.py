@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from drivers.screen.screen_choice import ScreenRequest, choose_screen
@@ -43,7 +42,8 @@ class ScreenMirror:
             try:
                 if self._reader is None:
                     self._open()
-                grey = self._read_if_changed()
+                reader = self._reader
+                grey = reader.grey() if reader is not None and reader.has_changed() else None
             except (XError, DeviceError, UserError) as error:
                 self._drop()
                 grey = np.zeros((self._wanted.height, self._wanted.width), np.uint8)
@@ -68,11 +68,6 @@ class ScreenMirror:
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.close()
-
-    def _read_if_changed(self) -> NDArray[np.uint8] | None:
-        if self._reader is None or not self._reader.has_changed():
-            return None
-        return self._reader.grey()
 
     def _open(self) -> Output:
         found = _find_output(self._display, self._wanted)

@@ -3,26 +3,67 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from drivers.clock import RealClock
 from labapp.bench.opening import BenchFiles, BenchSetup, build_world, read_scene
-from labapp.bench.virtual_bench.bench_text import bench_text
 from labapp.bench.virtual_bench.cameras import serve_camera
-from labapp.bench.virtual_bench.command_input import catch_stop_requests, read_commands
-from labapp.bench.virtual_bench.command_interpreter import CommandInterpreter
+from labapp.bench.virtual_bench.command_interpreter import (
+    CommandInterpreter,
+    catch_stop_requests,
+    read_commands,
+)
 from labapp.bench.virtual_bench.filters import FILTERS, serve_filter
-from labapp.bench.virtual_bench.instruments import ServedInstrument, ServingContext
+from labapp.bench.virtual_bench.instruments import (
+    ServedInstrument,
+    ServingContext,
+    serve_spectroradiometer,
+)
 from labapp.bench.virtual_bench.panels import serve_panel
 from labapp.bench.virtual_bench.shared_world import SharedWorld
-from labapp.bench.virtual_bench.spectroradiometers import serve_spectroradiometer
 from labapp.common.console import print_message
 from labapp.common.errors import UserError
 from labapp.common.plain_text import printable, shell_word
-from labapp.files.bench_file import read_bench
+from labapp.files.bench_file import BenchFile, read_bench
+from labapp.files.plan_folder import as_toml
 from labapp.files.writing import make_folder, require_writable, write_atomically
+
+_HEAD = """\
+# A virtual bench behind its wires: real drivers, and instruments that are simulated.
+# Its ports are there while `labapp virtual-bench serve` runs.
+"""
+
+
+def bench_text(
+    bench: BenchFile, served: Mapping[str, ServedInstrument], targets: Sequence[str]
+) -> str:
+    """Return the bench file of served instruments as TOML.
+
+    Devices that aren't served keep their tables from `bench`.
+    """
+    data = bench.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    devices = data.pop("devices")
+    data["name"] = f"{bench.name}, behind its wires"
+    text = _HEAD
+    for role in {**devices, **served}:
+        if role == "targets":
+            table = _device_table("manual-targets", {"names": list(targets)})
+        elif one := served.get(role):
+            table = _device_table(one.driver, one.options)
+        else:
+            text += f"# The {role} isn't served: it is the one that the bench file had.\n"
+            table = devices[role]
+        data[f"devices.{role}"] = table
+    return text + as_toml(data)
+
+
+def _device_table(driver: str, options: dict[str, Any]) -> dict[str, Any]:
+    return {"driver": driver, "options": options, "simulated": True}
+
 
 _KINDS = {
     "filter": FILTERS,
@@ -107,7 +148,13 @@ def _start(
     camera = setup.bench.without_calibration().build_camera()
     world = build_world(camera, setup, clock)
     shared = SharedWorld(world, clock)
-    site = ServingContext(shared, _folder(options.folder, stack), stack)
+    if options.folder is not None:
+        make_folder(options.folder)
+        folder = options.folder.resolve()
+    else:
+        made = tempfile.TemporaryDirectory(prefix="labapp-bench-", ignore_cleanup_errors=True)
+        folder = Path(stack.enter_context(made))
+    site = ServingContext(shared, folder, stack)
     served: dict[str, ServedInstrument] = {}
     if options.slm != "none":
         served["slm"] = serve_panel(world.camera.panel, options.display, options.screen, site)
@@ -118,14 +165,6 @@ def _start(
     if options.spectroradiometer != "none":
         served["spectroradiometer"] = serve_spectroradiometer(site)
     return shared, list(world.scene.targets), served
-
-
-def _folder(folder: Path | None, stack: ExitStack) -> Path:
-    if folder is not None:
-        make_folder(folder)
-        return folder.resolve()
-    made = tempfile.TemporaryDirectory(prefix="labapp-bench-", ignore_cleanup_errors=True)
-    return Path(stack.enter_context(made))
 
 
 def _print_next_steps(options: ServeOptions, names: list[str]) -> None:

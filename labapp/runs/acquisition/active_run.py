@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,12 +18,11 @@ from drivers.interfaces import Frame
 from labapp.common.errors import UserError, WaitedTooLong
 from labapp.files.plan_file import PlanFile
 from labapp.files.write_locks import has_path, is_deleted
-from labapp.runs.acquisition.attendance import AskOperator, Attendance, JudgeFrame
+from labapp.runs.acquisition.attendance import Attendance, Idle, Meanwhile, wait_until
 from labapp.runs.acquisition.frame_storage import FrameStore, require_full
 from labapp.runs.acquisition.frame_taker import FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
-from labapp.runs.acquisition.waiting import Idle, Meanwhile, wait_until
 from labapp.runs.bench_interface import Bench
 from labapp.runs.record.logbook import logbook
 from labapp.runs.record.reader import Record
@@ -35,7 +33,6 @@ from optics.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
     from labapp.runs.acquisition.scene_watch import SceneWatch
-    from labapp.runs.frame_doubts import FrameDoubts
     from optics.camera import Camera as CameraDescription
 
 log = logging.getLogger(__name__)
@@ -98,7 +95,7 @@ class ActiveRun:
     ) -> None:
         self._bench, self._plan, self._path, self._lock = bench, plan, path, lock
         self._hooks, self._attendance, self._progress = hooks, attendance, attendance.progress
-        ask = self._pausing_while_asked(attendance.ask) if attendance.ask else None
+        ask = self._ask if attendance.ask else None
         self._taker = FrameTaker(
             bench, patterns, plan.seed, plan.retry, ask, self._progress, self._is_cancelled
         )
@@ -110,19 +107,20 @@ class ActiveRun:
         self._watch, self._changes = _watch_scene(plan, bench), list[str]()
 
     def take(self, shots: Sequence[Shot], *, is_resumed: bool = False) -> RunOutcome:
-        """Take all frames of the run into its record; return how the run ended.
-
-        The record's lock is released at the end.
-        """
+        """Take all frames into the record, release its lock, and return how the run ended."""
         with (
             RecordWriter(self._path, self._lock) as self._writer,
             logbook(self._writer, self._bench.clock) as self._logbook,
         ):
             as_planned = not self._bench.file.is_real
-            keeper = FrameStore(self._writer, as_planned, self._pause)
-            self._doubts = _build_doubts(self._plan, self._bench, shots)
+            self._store = FrameStore(self._writer, as_planned, self._pause)
+            # What judges frames is loaded only once frames are taken.
+            from labapp.runs.frame_doubts import FrameDoubts
+
+            camera = _camera_as_metered(self._plan, self._bench)
+            self._doubts = FrameDoubts(self._plan, camera, shots)
             self._expected = ShotList.of(shots).total_duration
-            state, message = self._take_all(shots, keeper, is_resumed)
+            state, message = self._take_all(shots, is_resumed)
             if has_path(self._writer.handle, self._path):
                 outcome = self._verify_outcome(state, message, is_resumed)
                 if has_path(self._writer.handle, self._path):
@@ -130,13 +128,8 @@ class ActiveRun:
                 message = outcome.message
             return self._outcome_elsewhere(message)
 
-    def _take_all(
-        self, listed: Sequence[Shot], keeper: FrameStore, again: bool
-    ) -> tuple[State, str]:
-        """Take all frames of the run, and leave its bench safe whatever happens.
-
-        Return the state in which the run ended, and the reason.
-        """
+    def _take_all(self, listed: Sequence[Shot], again: bool) -> tuple[State, str]:
+        """Take all frames, leave the bench safe whatever happens; return the state and reason."""
         state, message = State.FAILED, ""
         try:
             self._note_state(State.RUNNING)
@@ -158,7 +151,7 @@ class ActiveRun:
             self._hooks.call("before_run", listed)
             with self._unplug_monitor, self._bench.cancellable_by(self._is_cancelled):
                 for shot in listed:
-                    self._take_one(shot, keeper)
+                    self._take_one(shot)
             state, message = State.COMPLETE, "; ".join(self._changes)
         except (Cancelled, KeyboardInterrupt):
             state = State.CANCELLED
@@ -185,18 +178,29 @@ class ActiveRun:
             return State.FAILED, str(error)
         return state, message
 
-    def _take_one(self, shot: Shot, keeper: FrameStore) -> None:
+    def _take_one(self, shot: Shot) -> None:
         """Take one frame of the run, after waiting for pauses, disk space and hooks."""
         self._report(_describe(shot))
         if self._progress.is_paused:
             text, is_over = "paused by the user", lambda: not self._progress.is_paused
             self._pause(text, is_over, self._attendance.meanwhile or Idle(), math.inf)
-        keeper.wait_for_space()
+        self._store.wait_for_space()
         if is_deleted(self._writer.handle):
             raise UserError(_FILE_LOST)
         self._hooks.call("before_frame", shot)
         began, rested = self._bench.clock.now(), self._rested
-        frame = self._take_with_recovery(shot, keeper)
+        frame = None
+        while frame is None:
+            try:
+                frame = self._taker.take(shot, self._keep)
+            except _TakeAgain:
+                self._taker.invalidate_settings()
+            except DeviceError as error:
+                if self._plan.retry.then == "fail":
+                    raise
+                self._progress.pause()
+                text = f"{error}. Mend it, then let the run go on"
+                self._pause(text, lambda: not self._progress.is_paused)
         self._took += self._bench.clock.now() - began - (self._rested - rested)
         self._done += shot.duration
         if self._watch and (change := self._watch.compare(shot, frame)):
@@ -206,48 +210,24 @@ class ActiveRun:
         if self._attendance.on_frame is not None:
             self._attendance.on_frame(shot, frame)
 
-    def _take_with_recovery(self, shot: Shot, keeper: FrameStore) -> Frame:
-        while True:
-            try:
-                return self._taker.take(shot, partial(self._store, keeper))
-            except _TakeAgain:
-                self._taker.invalidate_settings()
-            except DeviceError as error:
-                if self._plan.retry.then == "fail":
-                    raise
-                self._progress.pause()
-                text = f"{error}. Mend it, then let the run go on"
-                self._pause(text, lambda: not self._progress.is_paused)
-
-    def _store(
-        self, keeper: FrameStore, shot: Shot, frame: Frame, wavelength: float, attempt: int
-    ) -> None:
+    def _keep(self, shot: Shot, frame: Frame, wavelength: float, attempt: int) -> None:
         """Store a frame of the run, unless a person doubts it and wants it to be taken again."""
         doubt = self._doubts.doubt(shot, shot.readout.whole_numbers(frame.image))
         if doubt:
             log.warning("frame %d is doubted: %s", shot.index, doubt)
-            judge = self._attendance.judge
-            if judge is not None and not self._keeps(judge, doubt, shot, frame):
-                raise _TakeAgain
+            if (judge := self._attendance.judge) is not None:
+                with self._paused_for_answer(doubt):
+                    kept = judge(doubt, shot, frame, self._progress)
+                log.info("kept by a person" if kept else "taken again")
+                if not kept:
+                    raise _TakeAgain
             self._doubts.settle(shot)
-        keeper.store_frame(shot, frame, wavelength, attempt)
-
-    def _keeps(self, judge: JudgeFrame, doubt: str, shot: Shot, frame: Frame) -> bool:
-        """Return whether a person keeps a frame that the run doubts; the run pauses meanwhile."""
-        self._note_state(State.PAUSED, doubt)
-        self._report(doubt)
-        with self._excluding_time():
-            kept = judge(doubt, shot, frame, self._progress)
-        self._progress.raise_if_cancelled()
-        self._note_state(State.RUNNING)
-        log.info("kept by a person" if kept else "taken again")
-        return kept
+        self._store.store_frame(shot, frame, wavelength, attempt)
 
     def _is_cancelled(self) -> bool:
-        """Return whether the run was cancelled, and report a device unplugged during the run.
+        """Return whether the run was cancelled, and report a device that was unplugged.
 
-        This is called all the time while the run waits for devices, which is when the user must
-        be told that one was unplugged.
+        This is called all the time while the run waits for devices.
         """
         unplugged = self._unplug_monitor.message
         if unplugged != self._unplugged:
@@ -267,8 +247,8 @@ class ActiveRun:
     ) -> None:
         """Pause the run until `is_over()` returns true, with the reason in the record.
 
-        Without `meanwhile`, nobody uses the bench. Raises Cancelled if the run is cancelled, and
-        WaitedTooLong after `limit` seconds, which are those of the run's progress by default.
+        Without `meanwhile`, nobody uses the bench. Raises Cancelled, or WaitedTooLong after `limit`
+        seconds, which are those of the run's progress by default.
         """
         limit = self._progress.wait_limit if limit is None else limit
         log.warning("paused: %s", message)
@@ -286,10 +266,7 @@ class ActiveRun:
         self._note_state(State.RUNNING)
 
     def _note_state(self, state: State, message: str = "") -> None:
-        """Write a state of the run that hasn't ended to its record, unless the disk is full.
-
-        That it is full, the next frame tells, and the run waits.
-        """
+        """Write the state of a run that goes on; if the disk is full, the next frame tells."""
         try:
             self._writer.set_state(state, message)
         except OSError as error:
@@ -304,18 +281,20 @@ class ActiveRun:
         finally:
             self._rested += self._bench.clock.now() - began
 
-    def _pausing_while_asked(self, ask: AskOperator) -> AskOperator:
-        """Return a prompter that sets the run to PAUSED until the user has answered."""
+    @contextmanager
+    def _paused_for_answer(self, question: str) -> Iterator[None]:
+        """Set the run to PAUSED while a person is asked in the block."""
+        self._note_state(State.PAUSED, question)
+        self._report(question)
+        with self._excluding_time():
+            yield
+        self._progress.raise_if_cancelled()
+        self._note_state(State.RUNNING)
 
-        def asking(text: str, progress: Progress) -> None:
-            self._note_state(State.PAUSED, text)
-            self._report(text)
-            with self._excluding_time():
-                ask(text, progress)
-            progress.raise_if_cancelled()
-            self._note_state(State.RUNNING)
-
-        return asking
+    def _ask(self, text: str, progress: Progress) -> None:
+        assert self._attendance.ask is not None
+        with self._paused_for_answer(text):
+            self._attendance.ask(text, progress)
 
     def _report(self, message: str) -> None:
         """Report the run's progress, and any device that is unplugged."""
@@ -325,10 +304,7 @@ class ActiveRun:
         self._progress.report(share, told)
 
     def _record_end(self, state: State, message: str) -> tuple[State, str]:
-        """Write the run's final state to its record, and return it with its reason.
-
-        A run whose end the disk doesn't keep is FAILED.
-        """
+        """Write the run's final state, and return it: FAILED if the disk doesn't keep the end."""
         # COMPLETE is written only when all frames have been read back, see _verify_outcome().
         written = State.RUNNING if state is State.COMPLETE else state
         log.log(logging.WARNING if message else logging.INFO, message or "all frames taken")
@@ -354,13 +330,12 @@ class ActiveRun:
     def _verify_outcome(self, state: State, message: str, is_resumed: bool) -> RunOutcome:
         """Return how the run ended: COMPLETE only if every frame reads back from the record.
 
-        A record that was begun earlier must pass all checks, too.
+        If it was begun earlier, it must pass all checks, too.
         """
+        is_complete = state is State.COMPLETE
         with Record(self._path) as record:
             # Reading all frames back takes time, so a run that was cancelled or failed skips it.
-            missing = (
-                record.missing_frames() if state is State.COMPLETE else record.frames_not_stored()
-            )
+            missing = record.missing_frames() if is_complete else record.frames_not_stored()
         if state is State.COMPLETE and missing:
             state, message = State.FAILED, f"{len(missing)} frames don't read back"
         digest = self._write_state(state, message)
@@ -383,16 +358,9 @@ class ActiveRun:
     ) -> RunOutcome:
         """Return how the run ended, with what it has counted."""
         return RunOutcome(
-            path,
-            state,
-            missing,
-            message,
-            self._done,
-            self._took,
-            self._trouble,
-            digest,
+            path, state, missing, message, self._done, self._took, self._trouble, digest,
             self._waited_too_long,
-        )
+        )  # fmt: skip
 
     def _outcome_elsewhere(self, message: str) -> RunOutcome:
         """Return how a run ended whose record isn't the file on its path any more: FAILED."""
@@ -424,13 +392,6 @@ def _watch_scene(plan: PlanFile, bench: Bench) -> SceneWatch | None:
     from labapp.runs.acquisition.scene_watch import SceneWatch
 
     return SceneWatch(plan, _camera_as_metered(plan, bench).sensor)
-
-
-def _build_doubts(plan: PlanFile, bench: Bench, shots: Sequence[Shot]) -> FrameDoubts:
-    """Return what judges a run's frames; it is loaded only once frames are taken."""
-    from labapp.runs.frame_doubts import FrameDoubts
-
-    return FrameDoubts(plan, _camera_as_metered(plan, bench), shots)
 
 
 def _camera_as_metered(plan: PlanFile, bench: Bench) -> CameraDescription:

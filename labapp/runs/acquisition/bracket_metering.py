@@ -18,9 +18,8 @@ from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.frame_taker import FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.bench_interface import Bench
-from labapp.runs.brackets.choice import settle_block
+from labapp.runs.brackets.choice import bracket_limits, settle_block
 from labapp.runs.brackets.clip_remarks import clip_remark
-from labapp.runs.brackets.limits import bracket_limits
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.shots import Shot
 from labapp.runs.steps import planned_settings
@@ -90,7 +89,10 @@ class BracketMetering:
         if block.bracket.electrons_per_s is not None:
             rates = block.bracket.electrons_per_s
         else:
-            self._call_hooks(shots)
+            try:
+                self._hooks.call("before_metering", shots)
+            except HookError as error:
+                raise UserError(f"{error}. Mend the hook, or remove it from the plan.") from error
             metered = [self._meter(shot, block, limits, where) for shot in shots]
             ends = [one.electrons_per_s for one in metered]
             rates = min(low for low, _ in ends), max(high for _, high in ends)
@@ -100,12 +102,6 @@ class BracketMetering:
             return settle_block(block, sensor, limits, rates, len(shots), metered, seconds)
         except UnreachableSNR as error:
             raise UserError(f"{where}: {error}.") from error
-
-    def _call_hooks(self, shots: Sequence[Shot]) -> None:
-        try:
-            self._hooks.call("before_metering", shots)
-        except HookError as error:
-            raise UserError(f"{error}. Mend the hook, or remove it from the plan.") from error
 
     def _meter(
         self, shot: Shot, block: Acquisition, limits: ExposureLimits, where: str

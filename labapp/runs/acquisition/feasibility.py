@@ -48,12 +48,29 @@ class RunEstimate:
 def estimate_run(
     shots: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities
 ) -> RunEstimate:
-    """Estimate frames, time, disk space and prompts of a plan."""
+    """Estimate frames, time, disk space and prompts of a plan.
+
+    Disk space is that of the finished record, estimated a little too high.
+    """
+    listed, count = ShotList.of(shots), len(shots)
+    picture = prod(largest_shape(listed.readouts, capabilities.frame_shape))
+    shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
+    twice = (
+        count * _FRAME_ROW
+        + chain_capacity(count) * CHAIN_ROW.itemsize
+        + len(plan.model_dump_json())
+        + len(listed.distinct_pictures()) * _DECISIONS
+        # Bench, scene and HDF5's own data take less than this.
+        + 100_000
+    )
+    log = log_capacity(count) * LOG_ROW.itemsize
+    once = count * 2 * picture + shown * prod(capabilities.panel_shape) + log
     return RunEstimate(
-        frames=len(shots),
-        seconds=ShotList.of(shots).total_duration,
-        disk_bytes=_disk_bytes(shots, plan, capabilities),
-        prompts=tuple(prompts_by_frame(shots, capabilities).values()),
+        frames=count,
+        seconds=listed.total_duration,
+        # The copy of what stands twice lies apart from it.
+        disk_bytes=2 * twice + max(once, APART),
+        prompts=tuple(prompts_by_frame(listed, capabilities).values()),
     )
 
 
@@ -77,30 +94,9 @@ def expected_plan(
     if not plan.has_brackets:
         return plan
     # What searches for brackets is loaded only where there are any.
-    from labapp.runs.brackets.extremes import brightest_plan
+    from labapp.runs.brackets.choice import brightest_plan
 
     return brightest_plan(plan, capabilities, sensor, source)
-
-
-def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities) -> int:
-    """Estimate the size of the finished record in bytes, a little too high."""
-    readouts = ShotList.of(listed).readouts
-    picture = prod(largest_shape(readouts, capabilities.frame_shape))
-    panel = prod(capabilities.panel_shape)
-    shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
-    decided = len(ShotList.of(listed).distinct_pictures())
-    twice = (
-        len(listed) * _FRAME_ROW
-        + chain_capacity(len(listed)) * CHAIN_ROW.itemsize
-        + len(plan.model_dump_json())
-        + decided * _DECISIONS
-        # Bench, scene and HDF5's own data take less than this.
-        + 100_000
-    )
-    log = log_capacity(len(listed)) * LOG_ROW.itemsize
-    once = len(listed) * 2 * picture + shown * panel + log
-    # The copy of what stands twice lies apart from it.
-    return 2 * twice + max(once, APART)
 
 
 def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> dict[int, str]:
@@ -126,7 +122,13 @@ def placement_prompt(shot: Shot, by_hand: bool) -> str:
 
 def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> None:
     """Raise UserError with key, value and range if the bench can't execute a plan."""
-    _check_hooks(plan, source)
+    known = entry_points(group=HOOK_GROUP).names if plan.hooks else set()
+    for name in plan.hooks:
+        if name not in known:
+            raise UserError(
+                f"{source}: key 'hooks' names {name!r}, which isn't installed. "
+                f"Installed: {', '.join(sorted(known)) or 'none'}."
+            )
     for number, block in enumerate(plan.acquire):
         where = f"{source}: key 'acquire.{number}"
         _check_targets(block, plan, capabilities, where)
@@ -139,16 +141,6 @@ def feasible_shots(plan: PlanFile, capabilities: BenchCapabilities, source: str)
     """Return every shot of a plan, after require_feasible_plan() has checked it."""
     require_feasible_plan(plan, capabilities, source)
     return planned_shots(plan, capabilities)
-
-
-def _check_hooks(plan: PlanFile, source: str) -> None:
-    known = entry_points(group=HOOK_GROUP).names if plan.hooks else set()
-    for name in plan.hooks:
-        if name not in known:
-            raise UserError(
-                f"{source}: key 'hooks' names {name!r}, which isn't installed. "
-                f"Installed: {', '.join(sorted(known)) or 'none'}."
-            )
 
 
 def _check_targets(

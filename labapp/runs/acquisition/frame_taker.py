@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,10 +39,7 @@ class FrameTaker:
     Settings that were made before aren't relied upon.
 
     patterns: grey levels by name, (rows, columns), or (frames, rows, columns) of a video.
-    seed: for simulated devices.
-    retry: number of attempts and waiting time after a failure.
-    ask: prompts a person to place targets; None if nobody is there.
-    progress: can cancel the run.
+    seed: for simulated devices. ask: prompts a person to place targets; None if nobody is there.
     is_cancelled: returns whether the run was cancelled; called all the time during waits.
     """
 
@@ -93,13 +91,8 @@ class FrameTaker:
                 return self._try(shot, attempt, keep)
             except DeviceError as error:
                 self._progress.raise_if_cancelled()
-                log.warning(
-                    "frame %d, attempt %d of %d: %s",
-                    shot.index,
-                    attempt,
-                    self._retry.attempts,
-                    error,
-                )
+                tried = f"frame {shot.index}, attempt {attempt} of {self._retry.attempts}"
+                log.warning("%s: %s", tried, error)
                 self.invalidate_settings()
                 if error.lasting or attempt >= self._retry.attempts:
                     raise
@@ -115,9 +108,11 @@ class FrameTaker:
             bench.world.begin_frame(
                 self._seed, shot.step, shot.repeat, index=shot.index, start_time=shot.start_time
             )
-        ready = [
-            bench.clock.now(),
-            self._place(shot.place),
+        ready = [bench.clock.now()]
+        if shot.place:
+            place = partial(bench.targets.place, shot.place)
+            ready.append(self._apply("target", shot.place, place))
+        ready += [
             self._apply("pattern", shot.pattern, lambda: self._show(shot.pattern)),
             self._apply("wavelength", _colour(shot), lambda: self._tune(shot)),
         ]
@@ -175,22 +170,18 @@ class FrameTaker:
         camera: Any = self._bench.camera
         before, self._readout = self._readout, None
         ready, pixels = 0.0, (readout.region, readout.binning)
-        if self._was_chosen("pixels", pixels != (None, None)):
+        self._chosen_once |= {"pixels"} if pixels != (None, None) else set()
+        self._chosen_once |= {"gain"} if readout.gain_db is not None else set()
+        if "pixels" in self._chosen_once:
             setting = camera.set_region(*pixels)
             ready = max(ready, self._require_set(setting, readout.region, 0))
-        if self._was_chosen("gain", readout.gain_db is not None):
+        if "gain" in self._chosen_once:
             setting = camera.set_gain(readout.gain_db)
             ready = max(ready, self._require_set(setting, readout.gain_db, GAIN_TOLERANCE_DB))
         if before is not None or readout.describe():
             log.info("camera: %s", readout.describe() or "as the bench opened it")
         self._readout = readout
         return ready
-
-    def _was_chosen(self, what: str, now: bool) -> bool:
-        """Return whether this shot or an earlier one has chosen a setting."""
-        if now:
-            self._chosen_once.add(what)
-        return what in self._chosen_once
 
     def _require_set(self, setting: Setting[Any], asked: Any, tolerance: float) -> float:
         """Return when a setting of the camera stands; DeviceError if it is another one."""
@@ -208,12 +199,6 @@ class FrameTaker:
             log.info("asked: %s", text)
             self._ask(text, self._progress)
         self._placed_target = shot.target
-
-    def _place(self, target: str) -> float:
-        """Place a target, if there is one to be placed; return the time when it stands."""
-        if not target:
-            return 0.0
-        return self._apply("target", target, lambda: self._bench.targets.place(target))
 
     def _show(self, name: str) -> Setting[str]:
         grey = self._patterns[name]

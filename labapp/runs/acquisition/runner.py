@@ -1,17 +1,15 @@
-"""Run a plan on a bench, or resume a run, for the window, the command line and Python."""
+"""Run plans on a bench, one or several in turn, or resume a run."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import shell_word
@@ -22,6 +20,7 @@ from labapp.files.writing import require_writable
 from labapp.runs.acquisition.active_run import ActiveRun, RunOutcome
 from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.feasibility import estimate_run, expected_plan, feasible_shots
+from labapp.runs.acquisition.frame_delays import measure_frame_delays
 from labapp.runs.acquisition.frame_storage import require_space
 from labapp.runs.acquisition.hooks import Hooks
 from labapp.runs.acquisition.record_contents import build_record_contents
@@ -31,20 +30,19 @@ from labapp.runs.readouts import largest_shape
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer_process import open_for_writing
-from labapp.runs.shots import Shot, ShotList
+from labapp.runs.shots import ShotList
 from labapp.runs.state import State
 from labapp.runs.steps import schedule_shots
 from optics.progress import Progress
-
-if TYPE_CHECKING:
-    from labapp.runs.record.verification import Verification
 
 __all__ = [
     "Attendance",
     "HeldRecord",
     "RunOutcome",
+    "RunRequest",
     "hold_record",
     "resume_run",
+    "run_all",
     "run_plan",
 ]
 
@@ -114,7 +112,7 @@ def run_plan(
         part = progress.part(0, 0.3)
         patterns = compute_patterns(plan.patterns, bench.description, plan.seed, part, folder)
     with stopwatch.stage("measure delays"):
-        abilities = _with_delays(bench, abilities, listed, progress, patterns)
+        abilities = measure_frame_delays(bench, abilities, listed, progress, patterns)
         listed = schedule_shots(listed, abilities)
     if plan.has_brackets:
         from labapp.runs.acquisition.bracket_metering import BracketMetering
@@ -159,7 +157,20 @@ def hold_record(path: Path, progress: Progress | None = None) -> Iterator[HeldRe
     """
     lock = open_for_writing(path)
     try:
-        found = _prepare_resume(path, lock, progress)
+        # Imported here, because a new run needs neither.
+        from labapp.runs.record.repair import repair_record
+        from labapp.runs.verifying import verify
+
+        for done in repair_record(path, lock):
+            log.warning("%s: %s", path, done)
+        found = verify(path, progress)
+        if found.resume_command is None and not found.is_in_order:
+            remedy = (
+                "Wait for its run to end."
+                if found.is_being_written
+                else f"Save its frames with: labapp salvage {shell_word(path)} --out FILE"
+            )
+            raise UserError(f"{path}: can't be resumed: {found.reason}. {remedy}")
         missing = [] if found.is_in_order else sorted(found.not_stored + found.damaged)
         yield HeldRecord(path, missing, lock, found.is_in_order)
     finally:
@@ -209,7 +220,7 @@ def resume_run(
             digest = opened.closing_digest
             return RunOutcome(path, State.COMPLETE, [], opened.message, digest=digest)
     if missing:
-        abilities = _with_delays(bench, abilities, listed, attendance.progress, patterns)
+        abilities = measure_frame_delays(bench, abilities, listed, attendance.progress, patterns)
         listed = schedule_shots(listed, abilities)
     left = listed.pick(missing)
     require_space(path, 2 * len(left) * prod(largest_shape(listed.readouts, abilities.frame_shape)))
@@ -219,41 +230,6 @@ def resume_run(
     lock = duplicate_locked(record.lock)
     run = ActiveRun(bench, plan, path, patterns, hooks, attendance, lock)
     return run.take(left, is_resumed=True)
-
-
-def _prepare_resume(path: Path, lock: int, progress: Progress | None) -> Verification:
-    """Repair a run's record that is locked; return what is found in it then."""
-    # Imported here, because a new run needs neither.
-    from labapp.runs.record.repair import repair_record
-    from labapp.runs.verifying import verify
-
-    for done in repair_record(path, lock):
-        log.warning("%s: %s", path, done)
-    found = verify(path, progress)
-    if found.resume_command is None and not found.is_in_order:
-        remedy = (
-            "Wait for its run to end."
-            if found.is_being_written
-            else f"Save its frames with: labapp salvage {shell_word(path)} --out FILE"
-        )
-        raise UserError(f"{path}: can't be resumed: {found.reason}. {remedy}")
-    return found
-
-
-def _with_delays(
-    bench: Bench,
-    capabilities: BenchCapabilities,
-    listed: Sequence[Shot],
-    progress: Progress,
-    patterns: Mapping[str, NDArray[np.uint8]],
-) -> BenchCapabilities:
-    """Return a bench's capabilities with what frames take on it; measure that before its run."""
-    if not bench.file.is_real:
-        return capabilities
-    # A run on virtual devices doesn't need it.
-    from labapp.runs.acquisition.frame_delays import measure_frame_delays
-
-    return measure_frame_delays(bench, capabilities, listed, progress, patterns)
 
 
 def _require_person(ask: AskOperator | None, prompts: Sequence[str]) -> None:
@@ -285,3 +261,62 @@ def _require_same_bench(record: Record, bench: Bench, listed: ShotList) -> None:
             f"{record.path}: this bench differs from the one that the run was begun on. "
             "Leave --bench out to resume it on its own."
         )
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What to execute: plan, path of the record, the plan's name in errors, and its folder."""
+
+    plan: PlanFile
+    path: Path
+    source: str = "plan"
+    folder: Path = Path()
+
+
+def run_all(
+    bench: Bench,
+    requests: Sequence[RunRequest],
+    attendance: Attendance | None = None,
+    *,
+    force: bool = False,
+    on_outcome: Callable[[RunOutcome], None] = lambda outcome: None,
+) -> list[RunOutcome]:
+    """Execute several plans in turn; the next begins even if one fails.
+
+    Each is executed by run_plan(). Cancelling ends the present run and the queue, and so does a
+    wait that nobody has ended in time. Raises UserError, before anything has moved, if one of the
+    plans can't be executed, or two share a record.
+
+    on_outcome: called with the outcome of each run.
+    """
+    attendance = attendance or Attendance()
+    progress = attendance.progress
+    # All of them are checked before the first begins.
+    abilities, sensor = BenchCapabilities.of(bench), bench.description.sensor
+    paths = [request.path.resolve() for request in requests]
+    seconds = []
+    for request, path in zip(requests, paths, strict=True):
+        if paths.count(path) > 1:
+            raise UserError(f"{request.path}: two runs would write it. Give each its own name.")
+        possible = expected_plan(request.plan, abilities, sensor, request.source)
+        listed = feasible_shots(possible, abilities, request.source)
+        require_writable(request.path, force=force)
+        seconds.append(estimate_run(listed, possible, abilities).seconds)
+    total = sum(seconds) or 1.0
+    outcomes: list[RunOutcome] = []
+    for number, request in enumerate(requests):
+        part = progress.part(sum(seconds[:number]) / total, sum(seconds[: number + 1]) / total)
+        outcome = run_plan(
+            bench,
+            request.plan,
+            request.path,
+            replace(attendance, progress=part),
+            source=request.source,
+            folder=request.folder,
+            force=force,
+        )
+        outcomes.append(outcome)
+        on_outcome(outcome)
+        if outcome.state is State.CANCELLED or outcome.waited_too_long:
+            break
+    return outcomes

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from labapp.runs.export.command import export_record
-from labapp.runs.export.exporting import KINDS, export_frames
-from labapp.runs.export.frame_selection import FrameSelection
+from labapp.runs.export.exporting import KINDS, FrameSelection, export_frames, export_record
 
 __all__ = ["KINDS", "FrameSelection", "export_frames", "export_record"]

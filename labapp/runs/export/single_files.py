@@ -29,18 +29,13 @@ def write_pngs(work: ExportJob, draft: Path) -> None:
 
 
 def tiff_tags(work: ExportJob, description: str) -> dict[str, Any]:
-    """Return a frame's TIFF tags, as arguments of tifffile."""
-    told = {
+    """Return a frame's TIFF tags, as arguments of tifffile; resolution (x, y) in pixels per cm."""
+    told: dict[str, Any] = {
         "description": description,
         "software": f"labapp {labapp.__version__}",
         "metadata": None,
     }
-    return told | _resolution(work)
-
-
-def _resolution(work: ExportJob) -> dict[str, Any]:
-    """Return the TIFF tags of the resolution (x, y) in pixels per centimetre."""
-    if work.pitch is None:
-        return {}
-    y, x = (1e-2 / pitch for pitch in work.pitch)
-    return {"resolution": (x, y), "resolutionunit": "CENTIMETER"}
+    if work.pitch is not None:
+        y, x = (1e-2 / pitch for pitch in work.pitch)
+        told |= {"resolution": (x, y), "resolutionunit": "CENTIMETER"}
+    return told

@@ -54,40 +54,32 @@ class LogChain:
     broken: int | None = None
 
 
-def follow_frames(blocks: Iterable[NDArray[Any]], structure: bytes, frames: int) -> FrameChain:
+def follow_frames(blocks: Iterable[NDArray[Any]], structure: bytes, count: int) -> FrameChain:
     """Follow the links of the frames from the first on.
 
     Rows of zeros before the last link are broken links.
 
     blocks: all rows in their order, of the type CHAIN_ROW, or LINK_ROW in older records.
     structure: digest of the record's structure.
-    frames: number of the planned ones.
+    count: number of the planned frames.
     """
-    found = FrameChain(0, first_link(structure), np.full(frames, -1, np.int64), set())
+    found = FrameChain(0, first_link(structure), np.full(count, -1, np.int64), set())
     for rows in _used(blocks):
         begin = found.length
-        for row in _bytes_of(rows, chain_kind(rows.dtype)):
+        has_values = "values" in (rows.dtype.names or ())
+        for row in _bytes_of(rows, layout.CHAIN_ROW if has_values else layout.LINK_ROW):
             if not _follows(row, found.last):
                 found.broken = found.length
                 break
             found.length, found.last = found.length + 1, row[_LINK:_VALUES]
-        _note_latest(found, rows["frame"][: found.length - begin], begin)
+        frames = rows["frame"][: found.length - begin]
+        is_planned = frames < count
+        found.beyond |= set(frames[~is_planned].tolist())
+        # Of a frame that comes twice, the last row counts.
+        found.latest[frames[is_planned]] = begin + np.flatnonzero(is_planned)
         if found.broken is not None:
             break
     return found
-
-
-def _note_latest(found: FrameChain, frames: NDArray[Any], begin: int) -> None:
-    """Note the rows of some frames' links, of which the first has row `begin`."""
-    planned = frames < len(found.latest)
-    found.beyond |= set(frames[~planned].tolist())
-    # Of a frame that comes twice, the last row counts.
-    found.latest[frames[planned]] = begin + np.flatnonzero(planned)
-
-
-def chain_kind(kind: np.dtype) -> np.dtype:
-    """Return the type of a chain's rows, by that which HDF5 or the table tells."""
-    return layout.CHAIN_ROW if "values" in (kind.names or ()) else layout.LINK_ROW
 
 
 def follows(row: np.void, before: bytes) -> bool:

@@ -26,8 +26,7 @@ from labapp.files.frame_list import format_frame_list
 from labapp.files.plan_file import ROLES
 from labapp.runs.frame_acceptance import EXPOSURE_TOLERANCE, WAVELENGTH_TOLERANCE
 from labapp.runs.record import layout
-from labapp.runs.record.copy_check import check_copy
-from labapp.runs.record.digest_checks import check_closing, check_links, check_log
+from labapp.runs.record.digest_checks import check_closing, check_copy, check_links, check_log
 from labapp.runs.record.reader import Record, file_sha256
 from labapp.runs.record.verification import (
     RecordFinding,
@@ -63,25 +62,21 @@ def check_record(path: Path, progress: Progress | None = None, *, digest: str = 
         share = 0.0
         for name, check in checks.by_name().items():
             checks.progress.report(share, f"check {name}")
-            found.findings.append(_run_check(name, check, path))
+            try:
+                result, detail = check()
+                finding = RecordFinding(name, result, _printable(detail))
+            except Cancelled:
+                raise
+            except UserError as error:
+                finding = RecordFinding(name, "WRONG", _detail(path, error))
+            except Exception as error:
+                # Damaged data may raise any exception, and the other checks must still be made.
+                text = f"can't be checked: {type(error).__name__}: {error}"
+                finding = RecordFinding(name, "WRONG", _printable(text))
+            found.findings.append(finding)
             # The progress is that of reading the frames back, which is nearly all of the work.
             share = 1.0 if name == "checksums" else share
     return found
-
-
-def _run_check(name: str, check: Callable[[], StatusAndDetail], path: Path) -> RecordFinding:
-    """Make one check; one that can't be made counts as failed."""
-    try:
-        result, detail = check()
-    except Cancelled:
-        raise
-    except UserError as error:
-        return RecordFinding(name, "WRONG", _detail(path, error))
-    except Exception as error:
-        # Damaged data may raise any exception, and the other checks must still be made.
-        text = f"can't be checked: {type(error).__name__}: {error}"
-        return RecordFinding(name, "WRONG", _printable(text))
-    return RecordFinding(name, result, _printable(detail))
 
 
 class _Checks:
@@ -94,10 +89,7 @@ class _Checks:
         self._digest = digest
 
     def by_name(self) -> dict[str, Callable[[], StatusAndDetail]]:
-        """Return the checks by name.
-
-        Later checks use the findings of earlier ones.
-        """
+        """Return the checks by name; later ones use the findings of earlier ones."""
         return {
             "structure": self._check_structure,
             "contents": self._check_contents,
@@ -140,7 +132,8 @@ class _Checks:
         wrong = [
             name
             for name, dtype in (layout.PLANNED | layout.MEASURED).items()
-            if not _is_column(record.column(name), dtype, record.frame_count)
+            if (column := record.column(name)).dtype != dtype
+            or column.shape != (record.frame_count,)
         ]
         if wrong:
             return "WRONG", f"of the wrong type or length: {', '.join(wrong)}"
@@ -151,10 +144,7 @@ class _Checks:
         return "ok", f"{record.frame_count} frames of {columns} x {rows} pixels, by {by}"
 
     def _check_planned_columns(self) -> StatusAndDetail:
-        """Check that the planned columns' indices exist, and that settings are positive.
-
-        The indices refer to roles, targets, patterns and readouts.
-        """
+        """Check that planned indices exist, settings are positive, and all is by the plan."""
         record = self._record
         known = {
             "role": len(ROLES),
@@ -170,23 +160,17 @@ class _Checks:
         for column in ("exposure_asked", "wavelength_asked"):
             if bad := _where(~_is_positive(record.column(column))):
                 return "WRONG", f"no {column}: of frames {format_frame_list(bad)}"
-        if wrong := self._differs_from_plan():
-            return "WRONG", f"not what the plan asks for: {', '.join(wrong)}"
+        if (capabilities := record.capabilities) is not None:
+            shots = planned_shots(record.plan, capabilities)
+            planned = layout.planned_columns(shots, record.target_names, record.pattern_names)
+            wrong = [
+                name
+                for name, values in planned.items()
+                if not np.array_equal(values, record.column(name))
+            ]
+            if wrong:
+                return "WRONG", f"not what the plan asks for: {', '.join(wrong)}"
         return "ok", f"{known['target']} targets, {known['pattern']} patterns"
-
-    def _differs_from_plan(self) -> list[str]:
-        """Return the planned columns that don't follow from the plan."""
-        record = self._record
-        capabilities = record.capabilities
-        if capabilities is None:
-            return []
-        shots = planned_shots(record.plan, capabilities)
-        planned = layout.planned_columns(shots, record.target_names, record.pattern_names)
-        return [
-            name
-            for name, values in planned.items()
-            if not np.array_equal(values, record.column(name))
-        ]
 
     def _check_frames(self) -> StatusAndDetail:
         """Check that every planned frame is stored."""
@@ -321,10 +305,6 @@ def _is_positive(values: NDArray[Any]) -> NDArray[np.bool_]:
     return np.isfinite(values) & (values > 0)
 
 
-def _is_column(values: NDArray[Any], dtype: np.dtype, frames: int) -> bool:
-    return values.dtype == dtype and values.shape == (frames,)
-
-
 def _is_axis(places: NDArray[Any], size: int) -> bool:
     """Return whether pixel positions are evenly spaced, with 0 at n // 2."""
     steps = np.diff(places)
@@ -351,10 +331,7 @@ def _detail(path: Path, error: UserError) -> str:
 
 
 def _printable(text: str) -> str:
-    """Replace control characters with blanks.
-
-    A damaged record could otherwise send them to the terminal.
-    """
+    """Replace control characters, which a damaged record could send to the terminal, by blanks."""
     return "".join(one if one.isprintable() else " " for one in text)
 
 

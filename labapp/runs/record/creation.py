@@ -27,11 +27,7 @@ from labapp.files.writing import require_writable, sync_to_disk
 from labapp.runs.record import layout, writer_process
 from labapp.runs.record.datasets import DraftLedger, write_empty
 from labapp.runs.record.digests import structure_digest
-from labapp.runs.record.place_table import (
-    USER_BLOCK,
-    encode,
-    write_all,
-)
+from labapp.runs.record.place_table import USER_BLOCK, encode, write_all
 from labapp.runs.record.second_copy import renew_copy, room_for_copy
 from labapp.runs.shots import Shot, ShotList
 from labapp.runs.state import State

@@ -30,11 +30,6 @@ def write_text(parent: h5py.Group, name: str, text: str | list[str]) -> NDArray[
     return values
 
 
-def allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
-    """Create a contiguous dataset, and write it so that disk space is taken."""
-    parent.create_dataset(name, data=values)
-
-
 def write_empty(dataset: h5py.Dataset) -> None:
     """Write empty rows to a dataset, so that disk space is taken."""
     count = len(dataset)
@@ -71,8 +66,8 @@ class DraftLedger:
         self.note(_path(parent, name), write_text(parent, name, text))
 
     def allocate(self, parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
-        """Write a dataset and note it: see the function allocate()."""
-        allocate(parent, name, values)
+        """Write a contiguous dataset, so that disk space is taken, and note it."""
+        parent.create_dataset(name, data=values)
         self.note(_path(parent, name), values)
 
     def reserve(

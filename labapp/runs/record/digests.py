@@ -97,11 +97,6 @@ def packed_digest(values: bytes) -> bytes:
     return sha256(values).digest()
 
 
-def settings_digest(values: Mapping[str, Any]) -> bytes:
-    """Return the digest of a frame's measured columns, without `stored`."""
-    return packed_digest(b"".join(pack_settings(values).values()))
-
-
 def next_digest(before: bytes, row: bytes) -> bytes:
     """Return the digest of a row's bytes in a chain, after the row before."""
     return sha256(before + row).digest()

@@ -3,13 +3,21 @@
 The headers of its datasets stand near the file's beginning, and tell types, shapes and texts. From
 them the same structure is written once more. HDF5 places data in the same way each time, so if all
 headers and texts that are left come to lie where they are, the images do, too.
+
+HDF5 writes the names of many objects at the end of a file, which a truncated one has lost. Headers:
+see the HDF5 File Format Specification, version 3.0, IV.A.1.b (headers), IV.A.2.b (dataspace), d
+(datatype), i (layout).
 """
 
 from __future__ import annotations
 
+import math
 import mmap
+import re
+import struct
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +33,7 @@ from labapp.files.plan_file import ROLES, PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import layout
-from labapp.runs.record.datasets import allocate, reserve, write_text
-from labapp.runs.record.object_headers import HeadedDataset, find_headed_datasets
+from labapp.runs.record.datasets import reserve, write_text
 from labapp.runs.record.place_table import PlaceTable, find_places
 from labapp.runs.steps import planned_shots
 
@@ -88,17 +95,12 @@ def _rebuild(
                 _write_structure(file, data, found)
         except (ValueError, TypeError, OverflowError):
             return None
-        return _places_if_same(again, found)
-
-
-def _places_if_same(again: Path, found: Mapping[str, HeadedDataset]) -> PlaceTable | None:
-    """Return the places in a file that was written again, if they are those that were found."""
-    with again.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as new:
-        there = _first_datasets(new)
-    if there is None or not all(_lies_as(one, there[name]) for name, one in found.items()):
-        return None
-    with open_hdf5(again) as file:
-        return find_places(file, again.stat().st_size)
+        with again.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as new:
+            there = _first_datasets(new)
+        if there is None or not all(_lies_as(one, there[name]) for name, one in found.items()):
+            return None
+        with open_hdf5(again) as file:
+            return find_places(file, again.stat().st_size)
 
 
 def _lies_as(one: HeadedDataset, other: HeadedDataset) -> bool:
@@ -132,7 +134,7 @@ def _write_structure(file: h5py.File, data: mmap.mmap, found: Mapping[str, Heade
     entry["seed"] = int(read("seed"))
     entry["expected_seconds"] = float(read("expected_seconds"))
     for name in ("state", "message", "end_time", "writer", "log"):
-        allocate(entry, name, np.zeros(found[name].shape, found[name].dtype))
+        entry.create_dataset(name, data=np.zeros(found[name].shape, found[name].dtype))
     instrument = nexus.create_group(entry, "instrument", "NXinstrument")
     for name in _DEVICES:
         device = nexus.create_group(
@@ -164,7 +166,7 @@ def _write_data(file: h5py.File, shape: tuple[int, ...]) -> None:
         data[name] = np.zeros(size)
     kinds = layout.PLANNED | layout.MEASURED
     for name in (*layout.planned_names(()), *layout.MEASURED):
-        allocate(data, name, np.zeros(shape[0], kinds[name]))
+        data.create_dataset(name, data=np.zeros(shape[0], kinds[name]))
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
     data["role"].attrs["names"] = list(ROLES)
@@ -208,3 +210,94 @@ def _capabilities(bench: Any, targets: Sequence[str], video_frame: float) -> Ben
         slm_settling=0.0,
         filter_settling=0.0,
     )
+
+
+_SIGNATURE = b"OHDR\x02"
+
+_DATASPACE, _DATATYPE, _LAYOUT = 1, 3, 8
+"""Kinds of messages."""
+
+_TIMES, _PHASES, _ORDERED = 0x20, 0x10, 0x04
+"""Bits of a header: it has times, limits of its attributes, numbers of its messages."""
+
+_CONTIGUOUS = 1
+_UNDEFINED = (1 << 64) - 1
+
+_ENCODED_TYPE = b"\x03\x00"
+"""What H5Tencode() writes before a datatype: the kind of message and a version."""
+
+_MOST_AXES = 3
+
+
+@dataclass(frozen=True)
+class HeadedDataset:
+    """A dataset that its header tells.
+
+    header: where that begins, bytes.
+    offset: of its data, bytes; None if it isn't told.
+    """
+
+    header: int
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    offset: int | None
+
+    def read(self, data: bytes | mmap.mmap) -> NDArray[Any]:
+        """Read the values from the bytes of the file; raise ValueError if they end before."""
+        size = math.prod(self.shape) * self.dtype.itemsize
+        part = data[self.offset : self.offset + size] if self.offset is not None else b""
+        return np.frombuffer(part, self.dtype).reshape(self.shape)
+
+
+def find_headed_datasets(data: bytes | mmap.mmap) -> Iterator[HeadedDataset]:
+    """Yield the contiguous datasets whose headers are in the first bytes of a file.
+
+    They come in the order of their headers, which is that in which they were made.
+    """
+    for match in re.finditer(_SIGNATURE, data):
+        found = _read_header(data, match.start())
+        if found is not None:
+            yield found
+
+
+def _read_header(data: bytes | mmap.mmap, start: int) -> HeadedDataset | None:
+    """Return the dataset whose header begins there; None if it isn't the header of one."""
+    try:
+        messages = dict(_messages(data, start))
+        shape = _shape(messages[_DATASPACE])
+        dtype = h5py.h5t.decode(_ENCODED_TYPE + messages[_DATATYPE]).dtype
+        offset = _offset(messages[_LAYOUT]) if _LAYOUT in messages else None
+    except (KeyError, ValueError, TypeError, RuntimeError, struct.error, IndexError):
+        return None
+    return HeadedDataset(start, shape, np.dtype(dtype), offset)
+
+
+def _messages(data: bytes | mmap.mmap, start: int) -> Iterator[tuple[int, bytes]]:
+    """Yield kind and content of the messages in the first part of an object's header."""
+    flags = data[start + 5]
+    at = start + 6 + 16 * bool(flags & _TIMES) + 4 * bool(flags & _PHASES)
+    width = 1 << (flags & 3)
+    size = int.from_bytes(data[at : at + width], "little")
+    at += width
+    end = min(at + size, len(data))
+    head = 6 if flags & _ORDERED else 4
+    while at + head <= end:
+        kind, length = data[at], int.from_bytes(data[at + 1 : at + 3], "little")
+        yield kind, data[at + head : at + head + length]
+        at += head + length
+
+
+def _shape(message: bytes) -> tuple[int, ...]:
+    """Return the shape that a dataspace message of version 2 tells."""
+    version, axes = message[0], message[1]
+    if version != 2 or axes > _MOST_AXES:
+        raise ValueError("not a dataspace of a record")
+    return struct.unpack_from(f"<{axes}Q", message, 4)
+
+
+def _offset(message: bytes) -> int:
+    """Return the position that a layout message of version 3 or 4 tells of data in one piece."""
+    version, kind, offset = struct.unpack_from("<BBQ", message)
+    if version not in (3, 4) or kind != _CONTIGUOUS or offset == _UNDEFINED:
+        raise ValueError("not data in one piece")
+    return offset

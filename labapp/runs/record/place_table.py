@@ -11,7 +11,7 @@ import json
 import math
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -115,24 +115,11 @@ def find_places(file: h5py.File, size: int) -> PlaceTable:
             offset = item.id.get_offset()
             if offset is None and item.size:
                 raise ValueError(f"{name} doesn't lie within the file in one piece")
-            found[name] = Place(offset or 0, item.shape or (), _plain(item.dtype))
+            # h5py notes more in a type, such as the encoding of texts.
+            found[name] = Place(offset or 0, item.shape or (), _type(_type_name(item.dtype)))
 
     file.visititems(collect)
     return PlaceTable(size, found)
-
-
-def with_digests(table: PlaceTable, handle: int) -> PlaceTable:
-    """Return a table with the SHA-256 of each dataset that never changes."""
-    digests = {
-        name: sha256(table.read(handle, name).tobytes()).hexdigest()
-        for name in table.places
-        if name not in layout.CHANGING
-    }
-    places = {
-        name: Place(place.offset, place.shape, place.dtype, digests.get(name, ""))
-        for name, place in table.places.items()
-    }
-    return PlaceTable(table.size, places)
 
 
 def rebuild_table(path: Path, handle: int) -> PlaceTable:
@@ -141,7 +128,14 @@ def rebuild_table(path: Path, handle: int) -> PlaceTable:
     Raises OSError, RuntimeError, ValueError or KeyError if HDF5 can't read the file.
     """
     with open_hdf5(path) as file:
-        return with_digests(find_places(file, path.stat().st_size), handle)
+        table = find_places(file, path.stat().st_size)
+    places = {
+        name: place
+        if name in layout.CHANGING
+        else replace(place, digest=sha256(table.read(handle, name).tobytes()).hexdigest())
+        for name, place in table.places.items()
+    }
+    return PlaceTable(table.size, places)
 
 
 def encode(table: PlaceTable) -> bytes:
@@ -166,25 +160,15 @@ def read_table(handle: int, offset: int = 0) -> PlaceTable:
     if not block.startswith(_MARK) or len(text) != length or sha256(text).digest() != known:
         raise TableError("the table of places at the file's beginning is missing or damaged")
     try:
-        return _decode(text)
+        data, places = json.loads(text), {}
+        for name, (begin, shape, kind, digest) in data["datasets"].items():
+            place = Place(int(begin), tuple(int(n) for n in shape), _type(kind), str(digest))
+            if min(place.offset, *place.shape, 0) < 0 or place.end > data["size"]:
+                raise ValueError(f"{name} doesn't lie within the file")
+            places[name] = place
+        return PlaceTable(int(data["size"]), places)
     except (ValueError, TypeError, KeyError) as error:
         raise TableError(f"the table of places can't be read: {error}") from error
-
-
-def _decode(text: bytes) -> PlaceTable:
-    data = json.loads(text)
-    places = {}
-    for name, (offset, shape, kind, digest) in data["datasets"].items():
-        place = Place(int(offset), tuple(int(n) for n in shape), _type(kind), str(digest))
-        if min(place.offset, *place.shape, 0) < 0 or place.end > data["size"]:
-            raise ValueError(f"{name} doesn't lie within the file")
-        places[name] = place
-    return PlaceTable(int(data["size"]), places)
-
-
-def _plain(dtype: np.dtype) -> np.dtype:
-    """Return a type without what h5py notes in it, such as the encoding of texts."""
-    return _type(_type_name(dtype))
 
 
 def _type_name(dtype: np.dtype) -> Any:

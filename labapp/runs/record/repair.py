@@ -40,7 +40,7 @@ from labapp.runs.record.digests import (
     packed_digest,
     structure_digest,
 )
-from labapp.runs.record.mending import mend_from_copy, renew_proved_copy
+from labapp.runs.record.mending import mend_from_copy, mend_torn_end, renew_proved_copy
 from labapp.runs.record.place_table import (
     PlaceTable,
     TableError,
@@ -50,7 +50,6 @@ from labapp.runs.record.place_table import (
     write_all,
 )
 from labapp.runs.record.second_copy import read_either_table
-from labapp.runs.record.torn_end import mend_torn_end
 from labapp.runs.steps import planned_shots
 
 Digests = Callable[[int], tuple[bytes, bytes]]
@@ -217,7 +216,7 @@ def repair_links(
     follows from it, or the closing digest proves it. Rows behind the last link that can be
     followed become zeros.
     """
-    own = dict(own_frames(rows, compute, len(stored)))
+    own = dict(_own_frames(rows, compute, len(stored)))
     missing = _frames_without_link(rows, stored, own)
     before, trial = first_link(structure), rows.copy()
     repaired: list[int] = []
@@ -229,7 +228,11 @@ def repair_links(
             if frame is None:
                 break
             missing = [one for one in missing if one != frame]
-            trial[number] = _make_link(frame, before, compute)[: len(trial.dtype.names or ())]
+            image, values = compute(frame)
+            settings = packed_digest(values)
+            link = link_digest(before, frame, image, settings)
+            parts = (np.frombuffer(one, np.uint8) for one in (image, settings, link, values))
+            trial[number] = (frame, *parts)[: len(trial.dtype.names or ())]
             pending.append(number)
         else:
             repaired += pending
@@ -245,15 +248,7 @@ def repair_links(
     return [*repaired, *cut.tolist()]
 
 
-def _make_link(frame: int, before: bytes, compute: Digests) -> tuple[Any, ...]:
-    """Return the row of a frame that builds on the link before."""
-    image, values = compute(frame)
-    settings = packed_digest(values)
-    link = link_digest(before, frame, image, settings)
-    return (frame, *(np.frombuffer(one, np.uint8) for one in (image, settings, link, values)))
-
-
-def own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> Iterator[tuple[int, int]]:
+def _own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> Iterator[tuple[int, int]]:
     """Yield number and frame of each row that has the digests of that frame."""
     for number, row in enumerate(rows):
         frame = int(row["frame"])

@@ -36,10 +36,9 @@ from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.digests import unpack_settings
 from labapp.runs.record.older_format import planned_by_older_plan, rebuild_places
 from labapp.runs.record.place_table import PlaceTable, TableError, find_places
-from labapp.runs.record.reader import stored_file_size
+from labapp.runs.record.record_file import require_plain_structure, stored_file_size
 from labapp.runs.record.repair import planned_from_texts, proved_table
 from labapp.runs.record.second_copy import choose_places, read_either_table
-from labapp.runs.record.structure import require_plain_structure
 from labapp.runs.record.whole_frames import WholeFrames
 from labapp.runs.shots import ShotList, ShotTarget
 from optics.progress import Progress
@@ -54,9 +53,8 @@ _JSON = ("plan", "bench", "scene", "effect_plan", "pictures", "faults", "capabil
 class Remains:
     """What a damaged record still tells.
 
-    contents: to make a new record from.
-    whole: indices of frames that are whole with their settings.
-    lacks: what is lost, in words.
+    contents: to make a new record from. whole: indices of frames that are whole with their
+    settings. lacks: what is lost, in words.
     """
 
     contents: RecordContents
@@ -268,9 +266,9 @@ class DamagedRecord:
             for name in ("first", "frames", "frame_time")
         )
         images = self._read_or_none(layout.SHOWN_IMAGES)
-        shape = self._table.places[layout.SHOWN_IMAGES].shape[1:]
         if first is None or count is None or times is None or images is None:
             self._lacks.append("the patterns, black instead")
+            shape = self._table.places[layout.SHOWN_IMAGES].shape[1:]
             return {name: np.zeros(shape, np.uint8) for name in names}
         if self._read_known(layout.SHOWN_IMAGES) is None:
             self._lacks.append("the patterns as they were shown")

@@ -10,15 +10,8 @@ from labapp.common.plain_text import shell_word
 from labapp.runs.state import State
 
 _FIXED_BY_RESUME = {
-    "frames",
-    "checksums",
-    "settings",
-    "camera",
-    "digests",
-    "state",
-    "closing",
-    "copy",
-}
+    "frames", "checksums", "settings", "camera", "digests", "state", "closing", "copy"
+}  # fmt: skip
 """Checks that pass again when a run is resumed, which mends its record and takes frames."""
 
 
@@ -73,21 +66,13 @@ class Verification:
         return all(one.result in ("ok", "note") for one in self.findings)
 
     @property
-    def lacks_frames(self) -> bool:
-        """Whether frames are missing or damaged."""
-        return bool(self.not_stored or self.damaged)
-
-    @property
     def resume_command(self) -> str | None:
         """The command that completes the record; None if none is needed, or none can."""
-        fixed = _FIXED_BY_RESUME | (set() if self._has_ended else _TORN)
+        has_ended = self.state is not None and State(self.state).has_ended
+        fixed = _FIXED_BY_RESUME | (set() if has_ended else _TORN)
         if self.is_in_order or self.is_being_written or set(self.failed_checks) - fixed:
             return None
         return f"labapp resume {shell_word(self.path)}"
-
-    @property
-    def _has_ended(self) -> bool:
-        return self.state is not None and State(self.state).has_ended
 
     @property
     def reason(self) -> str:
@@ -107,7 +92,9 @@ class Verification:
         if self.failed_checks:
             remedy = advise_salvage(self.path)
             if self.resume_command:
-                what = "take again what is missing" if self.lacks_frames else "mend it"
+                what = (
+                    "take again what is missing" if self.not_stored or self.damaged else "mend it"
+                )
                 remedy = f"To {what}: {self.resume_command}"
             return f"{self.path}: NOT IN ORDER: {', '.join(self.failed_checks)}. {remedy}"
         if self.is_being_written:

@@ -51,9 +51,9 @@ class RecordWriter:
         # Opening the file anew after an error doesn't let go of the lock.
         self._lock = open_for_writing(path) if lock is None else lock
         self._digest_thread = ThreadPoolExecutor(1, "digest")
-        self._handle = -1
+        self.handle = -1
         self._open()
-        self._sync = DiskSync(f"/proc/self/fd/{self._handle}")
+        self._sync = DiskSync(f"/proc/self/fd/{self.handle}")
         try:
             self._continue_chains()
         except (TableError, KeyError) as error:
@@ -72,18 +72,18 @@ class RecordWriter:
 
     def _continue_chains(self) -> None:
         """Find where links and log lines end."""
-        table = read_table(self._handle)
+        table = read_table(self.handle)
         changing = {name: table.places[name] for name in layout.CHANGING if name in table.places}
         self._places = {name.rpartition("/")[2]: place for name, place in changing.items()}
         self._copy = find_copy(table)
-        self._structure = table.read(self._handle, f"{layout.DIGESTS}/structure").tobytes()
+        self._structure = table.read(self.handle, f"{layout.DIGESTS}/structure").tobytes()
         frames = follow_frames(
-            table.read_blocks(self._handle, f"{layout.DIGESTS}/chain", AT_ONCE),
+            table.read_blocks(self.handle, f"{layout.DIGESTS}/chain", AT_ONCE),
             self._structure,
             self.frame_count,
         )
         lines = follow_log(
-            table.read_blocks(self._handle, f"{layout.ENTRY}/log", AT_ONCE), self._structure
+            table.read_blocks(self.handle, f"{layout.ENTRY}/log", AT_ONCE), self._structure
         )
         for name, broken in (("chain", frames.broken), ("log", lines.broken)):
             if broken is not None:
@@ -100,16 +100,12 @@ class RecordWriter:
     def close(self) -> None:
         self._digest_thread.shutdown()
         self._sync.close()
-        if self._handle >= 0:
-            os.close(self._handle)
-            self._handle = -1
+        if self.handle >= 0:
+            os.close(self.handle)
+            self.handle = -1
         if self._lock >= 0:
             close_locked(self._lock)
             self._lock = -1
-
-    @property
-    def handle(self) -> int:
-        return self._handle
 
     @property
     def lock_limit(self) -> str:
@@ -127,8 +123,8 @@ class RecordWriter:
 
     def reopen(self) -> None:
         """Reopen the file after a failed write, because the old handle may be unusable."""
-        os.close(self._handle)
-        self._handle = -1
+        os.close(self.handle)
+        self.handle = -1
         self._open()
 
     def store(
@@ -137,10 +133,9 @@ class RecordWriter:
         """Store a frame; on return, it survives the end of this process.
 
         Raises CorruptFrame if the picture differs from the one that the camera sent, and OSError if
-        the disk refuses it. In both cases the frame isn't marked as stored.
+        the disk refuses it; then it isn't marked as stored.
 
-        wavelength: metres.
-        start_time: value of the column `time`, seconds.
+        wavelength: metres. start_time: value of the column `time`, seconds.
         """
         values = {
             "exposure": frame.exposure,
@@ -151,19 +146,10 @@ class RecordWriter:
             "number": frame.number,
             "attempts": attempts,
         }
-        slot = self._places["images"].shape[1:]
-        read = shot.readout.region or shot.readout.binning
-        if not read and frame.image.shape != slot:
+        is_whole = not (shot.readout.region or shot.readout.binning)
+        if is_whole and frame.image.shape != self._places["images"].shape[1:]:
             raise CorruptFrame(f"it has {frame.image.shape} pixels")
         self.store_values(shot.index, frame.image, values, frame.checksum)
-
-    def _fill_row(self, image: NDArray[np.uint16], known: int | None) -> NDArray[np.uint16]:
-        """Pad a frame of a part of the sensor with zeros up to the size of all frames."""
-        (rows, columns), (height, width) = self._places["images"].shape[1:], image.shape
-        if height > rows or width > columns:
-            raise CorruptFrame(f"it has {image.shape} pixels")
-        _require_checksum(checksum(image) if known is not None else 0, known)
-        return np.pad(image, ((0, rows - height), (0, columns - width)))
 
     def store_values(
         self,
@@ -174,12 +160,18 @@ class RecordWriter:
     ) -> None:
         """Store a frame's image and measured columns: see `store`.
 
-        values: all measured columns; `checksum` and `stored` may be left out.
-        known: CRC-32 that the image should have.
+        values: all measured columns but `checksum` and `stored`. known: the image's CRC-32.
         """
         image = np.ascontiguousarray(image, dtype=self._places["images"].dtype)
-        if image.shape != self._places["images"].shape[1:]:
-            image, known = self._fill_row(image, known), None
+        rows, columns = self._places["images"].shape[1:]
+        if image.shape != (rows, columns):
+            # A frame of a part of the sensor is padded with zeros up to the size of all frames.
+            height, width = image.shape
+            if height > rows or width > columns:
+                raise CorruptFrame(f"it has {image.shape} pixels")
+            if known is not None:
+                _require_checksum(checksum(image), known)
+            image, known = np.pad(image, ((0, rows - height), (0, columns - width))), None
         found, digest = self._write_image(index, image)
         _require_checksum(found, known)
         settings = digests.pack_settings({**values, "checksum": found})
@@ -194,10 +186,7 @@ class RecordWriter:
             raise
 
     def _give_up(self, frames: Iterable[int]) -> None:
-        """Note that frames aren't stored, because the disk may not have them.
-
-        The operating system still shows them as they were written, for as long as it likes.
-        """
+        """Note that frames aren't stored: the disk may lack them, though the system shows them."""
         self._lost = True
         with suppress(OSError):
             for index in frames:
@@ -211,7 +200,11 @@ class RecordWriter:
         # It takes about as long as the writing and the checksum together.
         digested = self._digest_thread.submit(digests.image_digest, image)
         self._write("images", index, image.data.cast("B"))
-        self._begin_writeback(index, image.nbytes)
+        if image.nbytes >= _LARGE:
+            # The advice makes the disk begin; Linux keeps in memory what isn't written yet.
+            at = self._places["images"].offset + index * self.frame_bytes
+            with suppress(OSError):
+                os.posix_fadvise(self.handle, at, image.nbytes, os.POSIX_FADV_DONTNEED)
         return checksum(image), digested.result()
 
     def _append_link(self, frame: int, image: bytes, values: bytes) -> None:
@@ -233,10 +226,9 @@ class RecordWriter:
         """Return whether the file holds a frame intact, by its digest."""
         if self._latest[index] < 0:
             return False
-        data = self._read("images", index)
         link = self._read("chain", int(self._latest[index]))
         (row,) = np.frombuffer(link, self._places["chain"].dtype)
-        image = np.frombuffer(data, np.uint8)
+        image = np.frombuffer(self._read("images", index), np.uint8)
         return digests.image_digest(image) == row["image"].tobytes()
 
     def log(self, time_: float, text: str) -> None:
@@ -262,10 +254,9 @@ class RecordWriter:
     def set_state(self, state: State, message: str = "") -> str:
         """Write a state and its reason, and the time if the run has ended.
 
-        Returns the closing digest of an ended run in hexadecimal, which covers the whole record;
-        otherwise an empty text. A run is COMPLETE only once all of its record is on the disk, and
-        has ended when its end is, too. Raises OSError if that can't be, or something can't be
-        written; what the disk has lost is told once.
+        Returns the closing digest of an ended run in hexadecimal, otherwise an empty text. A run
+        is COMPLETE only once all of its record is on the disk, and has ended when its end is, too.
+        Raises OSError if that can't be; what the disk has lost is told once.
         """
         if state.has_ended:
             # Who finds an end in the record may rely on all that came before.
@@ -276,7 +267,7 @@ class RecordWriter:
         return digest
 
     def _flush_end(self, state: State) -> None:
-        """Flush at the end of a run; raise a loss that was told before again only if COMPLETE."""
+        """Flush at a run's end; raise a loss that was told before again only if COMPLETE."""
         was_told = self._lost
         try:
             self.flush()
@@ -325,18 +316,7 @@ class RecordWriter:
     def _open(self) -> None:
         # By its path, a file is found again after a move; but the path may name another by now.
         path = self.path if has_path(self._lock, self.path) else f"/proc/self/fd/{self._lock}"
-        self._handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-
-    def _begin_writeback(self, index: int, size: int) -> None:
-        """Let the disk take a large picture while its digest is computed.
-
-        On Linux the advice begins to write, and keeps what isn't on the disk yet in memory.
-        """
-        if size >= _LARGE:
-            place = self._places["images"]
-            offset = place.offset + index * place.row_bytes
-            with suppress(OSError):
-                os.posix_fadvise(self._handle, offset, size, os.POSIX_FADV_DONTNEED)
+        self.handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
 
     def _put(self, name: str, row: int, value: Any) -> None:
         """Write a row of a dataset at its place in the file."""
@@ -346,15 +326,15 @@ class RecordWriter:
     def _read(self, name: str, row: int) -> bytes:
         """Read the bytes of a row; fewer if the file ends before the row."""
         place = self._places[name]
-        return os.pread(self._handle, place.row_bytes, place.offset + row * place.row_bytes)
+        return os.pread(self.handle, place.row_bytes, place.offset + row * place.row_bytes)
 
     def _write(self, name: str, row: int, data: memoryview) -> None:
         place = self._places[name]
         offset = place.offset + row * place.row_bytes
         if self._copy is not None and self._copy.has(place):
             # First, so that what comes before the log never says more than is there twice.
-            write_all(self._handle, data, self._copy.begin + offset)
-        write_all(self._handle, data, offset)
+            write_all(self.handle, data, self._copy.begin + offset)
+        write_all(self.handle, data, offset)
 
 
 def _require_checksum(found: int, known: int | None) -> None:

@@ -13,8 +13,8 @@ from drivers.errors import DeviceError
 from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.files.bracket_table import BracketTable
+from labapp.runs.brackets.choice import exposure_limits
 from labapp.runs.brackets.clip_remarks import clip_remark
-from labapp.runs.brackets.limits import exposure_limits
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.channel import Channel

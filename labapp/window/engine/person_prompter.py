@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from labapp.runs.acquisition.waiting import Idle, Meanwhile, wait_until
+from labapp.runs.acquisition.attendance import Idle, Meanwhile, wait_until
 from labapp.window.messages import Prompt
 from optics.progress import Progress
 
