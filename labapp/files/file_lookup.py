@@ -20,25 +20,18 @@ def bundled_scenes() -> dict[str, Path]:
 
 
 def find_plan(name: Path | str) -> Path:
-    """Return the path of a plan, given its path or the name of a bundled one.
-
-    Raises UserError, which lists the bundled names.
-    """
+    """Return the path of a plan, given its path or a bundled name; UserError lists these."""
     return _find_file(name, "plan", bundled_plans())
 
 
 def find_scene(name: Path | str) -> Path:
-    """Return the path of a scene, given its path or the name of a bundled one.
-
-    Raises UserError, which lists the bundled names.
-    """
+    """Return the path of a scene, given its path or a bundled name; UserError lists these."""
     return _find_file(name, "scene", bundled_scenes())
 
 
 def find_part_file(kind: str, file: str, folder: Path) -> Path:
-    """Return the path of a panel or sensor, given a bundled name or a path in `folder`.
+    """Return the path of a "panel" or "sensor", given a bundled name or a path in `folder`.
 
-    kind: "panel" or "sensor".
     Raises UserError, which lists the bundled names.
     """
     ready = _bundled_files(f"{kind}s")
@@ -61,11 +54,6 @@ def require_file(path: Path) -> None:
     if not is_file(path):
         # This tells what the path leads to instead.
         require_regular(path)
-
-
-def require_readable(path: Path) -> None:
-    """Raise UserError if a path doesn't lead to a regular file, or it can't be read."""
-    require_regular(path)
 
 
 def _bundled_files(folder: str) -> dict[str, Path]:

@@ -10,10 +10,15 @@ from pydantic import Field
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
-from labapp.files.column_headings import is_level, is_voltage, read_phase_heading
 from labapp.files.quantities import Nanometres
 from labapp.files.reading import FileModel, read_file
-from labapp.files.text_table import parse_numbers, table_lines
+from labapp.files.text_table import (
+    is_level,
+    is_voltage,
+    parse_numbers,
+    read_phase_heading,
+    table_lines,
+)
 from labapp.files.wavelengths import require_nanometres
 from optics.slm import Panel, PhaseResponse
 

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.files.number_file import read_numbers
-from labapp.files.picture_cache import cached_picture
+from labapp.files.picture.colour_picture import cached_picture
 from labapp.files.quantities import Finite, Nanometres, Positive
 from labapp.files.reflectance_table import reflectance_basis
 from labapp.files.scene_targets import (

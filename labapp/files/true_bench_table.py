@@ -13,8 +13,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
-from labapp.files.field_aberrations_table import FieldAberrationsTable
-from labapp.files.ghost_table import GhostTable
+from labapp.files.lens_table import FieldAberrationsTable, GhostTable
 from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel
 from labapp.files.sensor_file import specks_in_metres

@@ -125,7 +125,13 @@ def decode_levels(levels: Numbers, white: float | None, encoding: Encoding) -> N
     if encoding.name == "linear":
         return np.divide(levels, scale, dtype=np.float32, casting="unsafe")
     light = np.empty(levels.shape, np.float32)
-    tables = _tables(levels.dtype, scale, encoding)
+    # The light of every integer of up to 16 bits, (curves, integers).
+    tables = None
+    if levels.dtype.kind == "u" and levels.dtype.itemsize <= _TABLE_BYTES:
+        every = np.arange(np.iinfo(levels.dtype).max + 1) / scale
+        count = 1 if encoding.curves is None else len(encoding.curves)
+        every = np.broadcast_to(every, (count, every.size))
+        tables = encoding.to_light(every).astype(np.float32)
     rows = max(1, _BLOCK // max(1, levels[:, 0].size))
     for start in range(0, levels.shape[1], rows):
         part = slice(start, start + rows)
@@ -241,22 +247,9 @@ def _each_band(values: Numbers, numbers: Numbers, nodes: Numbers) -> Numbers:
     elif numbers.ndim < 2 or len(numbers) != count:
         raise UserError(f"an ICC profile of {count} colours belongs to a grey picture; convert it.")
     else:
-        found = np.stack(
-            [
-                np.interp(one, nodes[k % len(nodes)], values[k % len(values)])
-                for k, one in enumerate(numbers)
-            ]
-        )
+        curves = np.broadcast_arrays(nodes, values)
+        found = np.stack([np.interp(*one) for one in zip(numbers, *curves, strict=True)])
     return found.astype(np.float32 if numbers.dtype == np.float32 else np.float64, copy=False)
-
-
-def _tables(kind: np.dtype[Any], scale: float, encoding: Encoding) -> NDArray[np.float32] | None:
-    """Return the light of every integer of up to 16 bits, (curves, integers); else None."""
-    if kind.kind != "u" or kind.itemsize > _TABLE_BYTES:
-        return None
-    every = np.arange(np.iinfo(kind).max + 1) / scale
-    count = 1 if encoding.curves is None else len(encoding.curves)
-    return encoding.to_light(np.broadcast_to(every, (count, every.size))).astype(np.float32)
 
 
 def _look_up(tables: NDArray[np.float32], levels: Numbers) -> NDArray[np.float32]:

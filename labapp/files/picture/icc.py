@@ -138,7 +138,7 @@ def _parse_curve(tag: bytes) -> Encoding | NDArray[np.float64] | None:
             values = np.array(struct.unpack_from(f">{count}H", tag, 12))
             if count == 1:
                 return gamma_encoding(values[0] / 256) if values[0] else None
-            light = np.interp(_levels(), np.linspace(0, 1, count), values / 65535)
+            light = np.interp(np.linspace(0, 1, _NODES), np.linspace(0, 1, count), values / 65535)
             return light if light[-1] > light[0] else None
         if tag[:4] == b"para":
             (kind,) = struct.unpack_from(">H", tag, 8)
@@ -149,20 +149,12 @@ def _parse_curve(tag: bytes) -> Encoding | NDArray[np.float64] | None:
     return None
 
 
-def _parametric(
-    kind: int,
-    g: float,
-    a: float = 1.0,
-    b: float = 0.0,
-    c: float = 0.0,
-    d: float = 0.0,
-    e: float = 0.0,
-    f: float = 0.0,
-) -> Encoding | NDArray[np.float64] | None:
+def _parametric(kind: int, *numbers: float) -> Encoding | NDArray[np.float64] | None:
     """Return a parametric curve's light at all nodes (ICC.1:2022, table 68), clipped to 0 to 1.
 
     With X for the level, it is (aX + b)^g + e from X = d on, and cX + f below.
     """
+    g, a, b, c, d, e, f = (*numbers, *(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)[len(numbers) :])
     if g <= 0 or (a == 0 and kind in (1, 2)):
         return None
     if kind == 0:
@@ -170,15 +162,11 @@ def _parametric(
     if kind in (1, 2):
         # Below, kind 1 is 0, and kind 2 the constant that kind 1 adds nothing of.
         d, e, f, c = -b / a, c if kind == 2 else 0.0, c if kind == 2 else 0.0, 0.0
-    levels = _levels()
+    levels = np.linspace(0, 1, _NODES)
     with np.errstate(all="ignore"):
         power = np.maximum(a * levels + b, 0) ** g + e
         light = np.clip(np.where(levels >= d, power, c * levels + f), 0, 1)
     return light if light[-1] > light[0] else None
-
-
-def _levels() -> NDArray[np.float64]:
-    return np.linspace(0, 1, _NODES)
 
 
 def _name_curves(curves: list[Encoding | NDArray[np.float64]]) -> Encoding:
@@ -188,12 +176,13 @@ def _name_curves(curves: list[Encoding | NDArray[np.float64]]) -> Encoding:
         isinstance(one, Encoding) and one.name == first.name for one in curves
     ):
         return first
+    levels = np.linspace(0, 1, _NODES)
     tables = np.stack(
-        [one.to_light(_levels()) if isinstance(one, Encoding) else one for one in curves]
+        [one.to_light(levels) if isinstance(one, Encoding) else one for one in curves]
     )
     for known, steps in ((LINEAR, 65535), (SRGB, 255), (BT709, 255)):
         # Half a step is what rounding to levels changes.
-        if np.abs(known.from_light(tables) - _levels()).max() <= 0.5 / steps:
+        if np.abs(known.from_light(tables) - levels).max() <= 0.5 / steps:
             return known
     return Encoding("icc", tables[:1] if (tables == tables[0]).all() else tables)
 

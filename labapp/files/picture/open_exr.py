@@ -1,8 +1,14 @@
-"""OpenEXR: which channels of which part are light, and what the header says of them."""
+"""OpenEXR: which channels of which part are light, and what the header says of them.
+
+Its library prints what it thinks of damaged files, and then leaves parts out without an error. What
+it says is kept from the terminal, and is the error.
+"""
 
 from __future__ import annotations
 
+import io
 import math
+import re
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -11,12 +17,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.common.library_text import collect_library_text
 from labapp.common.plain_text import printable_line, quote
 from labapp.files.exif import Exif
 from labapp.files.guarded_reading import require_memory
 from labapp.files.picture.encoding import LINEAR
-from labapp.files.picture.exr_library import damaged_exr, open_exr
 from labapp.files.picture.stored import StoredPicture
+
+_SAID = re.compile(rb"[^\n]*\(EXR_ERR_\w+\)[^\n]*\n?|Warning: Exception raised reading[^\n]*\n?")
+"""Lines that the library prints of damaged files."""
+
+
+def open_exr(path: Path, data: bytes, header_only: bool) -> list[Any]:
+    """Return a file's parts as the library reads them; UserError if it finds damage."""
+    import OpenEXR
+
+    with collect_library_text(_SAID) as said:
+        try:
+            file = OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=header_only)
+            parts = list(file.parts)
+        # Damage also leads to texts that aren't UTF-8, and to sizes that no memory holds.
+        except (RuntimeError, ValueError, TypeError, MemoryError, OSError) as error:
+            raise damaged_exr(path) from error
+    if said or not parts:
+        raise damaged_exr(path)
+    return parts
+
+
+def encode_open_exr(light: NDArray[np.float32]) -> bytes:
+    """Return the bytes of light as OpenEXR, (1 or 3, rows, columns), exact in float32.
+
+    One band is written as luminance (Y), three as R, G and B with the primaries of sRGB.
+    """
+    import OpenEXR
+
+    names = ("R", "G", "B") if len(light) == 3 else ("Y",)
+    channels = {
+        name: OpenEXR.Channel(np.ascontiguousarray(band, dtype=np.float32))
+        for name, band in zip(names, light, strict=True)
+    }
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    file = io.BytesIO()
+    OpenEXR.File(header, channels).write(file)
+    return file.getvalue()
+
+
+def damaged_exr(path: Path) -> UserError:
+    """Return the error that says that an OpenEXR file is damaged."""
+    return UserError(f"{path}: is a damaged or incomplete OpenEXR file. Get it again.")
+
 
 OPEN_EXR = b"v/1\x01"
 """First bytes of OpenEXR (openexr.com, "File Layout")."""
@@ -54,7 +103,11 @@ def read_open_exr(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     if not 0 <= page < len(headers):
         raise UserError(f"{path}: holds {len(headers)} pictures, counted from 0. Name one of them.")
     header = headers[page]
-    _require_flat(path, header)
+    if "deep" in getattr(header.get("type"), "name", ""):
+        raise UserError(
+            f"{path}: is a deep OpenEXR file, with several samples a pixel. Flatten it in the "
+            "program that made it."
+        )
     names, notes = _choose_channels(path, header["channels"])
     _require_size(path, data, headers)
     values = _read_channels(path, data, len(headers), page, names)
@@ -93,16 +146,6 @@ def _read_headers(path: Path, data: bytes) -> list[dict[str, Any]]:
     except UnicodeDecodeError as error:
         raise damaged_exr(path) from error
     return headers
-
-
-def _require_flat(path: Path, header: dict[str, Any]) -> None:
-    """Raise UserError if a part has several samples a pixel."""
-    kind = getattr(header.get("type"), "name", "")
-    if "deep" in kind:
-        raise UserError(
-            f"{path}: is a deep OpenEXR file, with several samples a pixel. Flatten it in the "
-            "program that made it."
-        )
 
 
 def _choose_channels(path: Path, channels: list[Any]) -> tuple[tuple[str, ...], list[str]]:

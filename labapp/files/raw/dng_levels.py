@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -73,12 +72,6 @@ def filter_pattern(path: Path, page: Directory) -> tuple[str, ...] | None:
     return tuple(letters[at : at + columns] for at in range(0, len(letters), columns))
 
 
-def plane_letters(page: Directory) -> str:
-    """Return the letters of the colours in the order in which the tags have them."""
-    codes = page.numbers(_PLANES) or (0, 1, 2)
-    return "".join(_LETTERS[int(code)] for code in codes if code in range(len(_LETTERS)))
-
-
 def black_cell(path: Path, page: Directory) -> NDArray[np.float64]:
     """Return the black levels, which repeat from the active area's first pixel on.
 
@@ -136,7 +129,9 @@ def white_level(page: Directory) -> float:
 
 def camera_colour(page: Directory, first: Directory, channels: str) -> CameraColour:
     """Return what is stated of the camera's colours, in the order of `channels`."""
-    letters = plane_letters(page)
+    # The colours in the order in which the tags have them.
+    codes = page.numbers(_PLANES) or (0, 1, 2)
+    letters = "".join(_LETTERS[int(code)] for code in codes if code in range(len(_LETTERS)))
     if set(letters) != set(channels):
         return CameraColour()
     order = [letters.index(letter) for letter in channels]
@@ -145,12 +140,17 @@ def camera_colour(page: Directory, first: Directory, channels: str) -> CameraCol
     xy = first.numbers(_WHITE_XY)
     if white.size != len(letters) and len(xy) == 2 and xy[1] > 0 and matrix is not None:
         white = matrix @ (np.array([xy[0], xy[1], 1 - xy[0] - xy[1]]) / xy[1])
+    noise = None
+    values = np.array(page.numbers(_NOISE), dtype=np.float64)
+    if values.size in (2, 2 * len(order)) and (values >= 0).all():
+        pairs = values.reshape(-1, 2)
+        noise = np.repeat(pairs, len(order), 0) if len(pairs) == 1 else pairs[order]
     sound = white.size == len(letters) and bool((white > 0).all() and np.isfinite(white).all())
     return CameraColour(
         None if matrix is None else matrix[order],
         f"{kelvin} K" if matrix is not None else "",
         white[order] if sound else None,
-        _noise_profile(page, order),
+        noise,
     )
 
 
@@ -167,12 +167,3 @@ def _matrix_nearest_d65(first: Directory, count: int) -> tuple[NDArray[np.float6
     # Lights are as far apart as their inverse temperatures, as DNG weighs its matrices.
     kelvin, values = min(sound, key=lambda one: abs(1 / max(one[0], 1) - 1 / _D65))
     return values.reshape(count, 3).astype(np.float64), kelvin
-
-
-def _noise_profile(page: Directory, order: Sequence[int]) -> NDArray[np.float64] | None:
-    """Return scale and offset of the variance of each channel; None if not stated."""
-    values = np.array(page.numbers(_NOISE), dtype=np.float64)
-    if values.size not in (2, 2 * len(order)) or not (values >= 0).all():
-        return None
-    pairs = values.reshape(-1, 2)
-    return np.repeat(pairs, len(order), 0) if len(pairs) == 1 else pairs[order]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,12 +121,8 @@ class RawPhotograph:
 
     @cached_property
     def clip_level(self) -> float:
-        """Level from which pixels count as clipped.
-
-        It is the highest that the file states, or where the mosaic itself shows that wells were
-        full below it.
-        """
-        seen = _saturated_level(self._planes)
+        """Level from which pixels count as clipped: stated, or where the mosaic shows it."""
+        seen = saturated_level(self._planes)
         stated = [self.white, self.linear_limit, seen]
         return min(level for level in stated if level is not None)
 
@@ -141,19 +139,21 @@ def order_channels(pattern: tuple[str, ...]) -> str:
     return "".join(sorted(found, key=lambda letter: ("RGBCMYW".find(letter) % 99, letter)))
 
 
-def _saturated_level(planes: list[NDArray[np.uint16]]) -> float | None:
-    """Find the level at which the wells of a mosaic were full; None if it shows no sign of that.
+def saturated_level(planes: Sequence[NDArray[Any]]) -> float | None:
+    """Find the level at which wells were full; None if planes of one colour show no sign of it.
 
     The sign is 3 neighbouring pixels of one colour at the highest level of all, if there are at
-    least twice as many pixels at it as at the level below.
+    least twice as many pixels at it as at the level below, where levels are whole numbers.
     """
-    top = max(int(plane.max()) for plane in planes if plane.size)
+    top = max(plane.max() for plane in planes if plane.size)
     at = [plane == top for plane in planes]
     if all(one.all() for one in at) or not any(_has_run(one) or _has_run(one.T) for one in at):
         return None
-    count = sum(int(one.sum()) for one in at)
-    below = sum(int((plane == top - 1).sum()) for plane in planes)
-    return float(top) if count >= 2 * below else None
+    if all(one.dtype.kind != "f" or np.array_equal(one, np.rint(one)) for one in planes):
+        below = sum(int((plane == top - 1).sum()) for plane in planes)
+        if sum(int(one.sum()) for one in at) < 2 * below:
+            return None
+    return float(top)
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:

@@ -62,7 +62,9 @@ def read_raw(path: Path, data: bytes | None = None) -> RawPhotograph:
 def _read(path: Path, data: bytes) -> RawPhotograph:
     """Read a DNG by its tags, and all else by LibRaw."""
     pages = read_directories(data)
-    if pages and (pages[0].has(DNG_VERSION) or _is_plain_mosaic(pages)):
+    # A TIFF that names no camera may have a mosaic of colour filters, too.
+    is_mosaic = any(page.number(PHOTOMETRIC, 0) == CFA for page in pages)
+    if pages and (pages[0].has(DNG_VERSION) or (is_mosaic and not pages[0].has(MAKE))):
         return read_dng(path, data, pages)
     for page in pages:
         if page.number(PHOTOMETRIC, 0) == CFA or page.has(PANASONIC_OFFSET):
@@ -75,12 +77,6 @@ def _read(path: Path, data: bytes) -> RawPhotograph:
         )
     require_undamaged(path, found)
     return _photograph(path, data, found, pages)
-
-
-def _is_plain_mosaic(pages: list[Directory]) -> bool:
-    """Return whether a TIFF that names no camera has a mosaic of colour filters."""
-    mosaics = [page for page in pages if page.number(PHOTOMETRIC, 0) == CFA]
-    return bool(mosaics) and not pages[0].has(MAKE)
 
 
 def _photograph(
