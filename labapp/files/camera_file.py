@@ -20,7 +20,6 @@ from labapp.files.sensor_file import SensorTable, with_sensor
 from optics.camera import Camera, Sensor
 from optics.camera.ghost import require_ghosts
 from optics.polarisation import BeamSplitter, PolarisedPath, Polariser, SourcePolarisation
-from optics.slm import Panel
 
 
 class PolarisedLightTable(FileModel):
@@ -145,13 +144,9 @@ class CameraFile(FileModel):
         return self
 
     @model_validator(mode="after")
-    def _require_light_for_ghosts(self) -> Self:
+    def _fits_together(self) -> Self:
+        """Check that the ghosts leave light, and the lens' data reach as far as the sensor."""
         require_ghosts([one.build() for one in self.ghosts])
-        return self
-
-    @model_validator(mode="after")
-    def _require_lens_for_sensor(self) -> Self:
-        """Check that the lens' data reach as far as the sensor."""
         table = self.sensor
         sensor = Sensor((table.height, table.width), table.pitch)
         Camera(lens=self.lens.build(), sensor=sensor, focus_drift=self.focus_drift_um * 1e-6)
@@ -159,30 +154,23 @@ class CameraFile(FileModel):
 
     @property
     def active_calibration(self) -> CalibrationFile | None:
-        """The bench's calibration, given or named; None if there is none.
-
-        A calibration that is only named is read; UserError if it can't be.
-        """
+        """The bench's calibration, given or read from the file named; None if there is none."""
         if isinstance(self.calibration, str):
             return read_file(Path(self.calibration), CalibrationFile)
         return self.calibration
 
     @property
     def active_camera_calibration(self) -> CameraNoiseFile | None:
-        """The calibration of the camera's noise, given or named; None if there is none.
-
-        A calibration that is only named is read; UserError if it can't be.
-        """
+        """The camera noise's calibration, given or read; None if there is none."""
         if isinstance(self.camera_calibration, str):
             return read_file(Path(self.camera_calibration), CameraNoiseFile)
         return self.camera_calibration
 
     @property
     def interference(self) -> float | None:
-        """Strength of the interference of modulated and unmodulated light.
+        """Strength of the interference of modulated and unmodulated light; None if it isn't known.
 
-        None without a description of the polarisation. The sum of their irradiances leaves this
-        interference out; see optics.polarisation.PathEffect.
+        The sum of their irradiances leaves it out; see optics.polarisation.PathEffect.
         """
         if self.polarisation is None:
             return None
@@ -197,7 +185,16 @@ class CameraFile(FileModel):
 
         Raises UserError if a calibration is of another panel or sensor.
         """
-        described = self._apply_camera_calibration(self._build_nominal_camera())
+        described, noise = self._build_nominal_camera(), self.active_camera_calibration
+        if noise is not None:
+            try:
+                described = replace(described, sensor=noise.apply_to(described.sensor))
+            except ValueError as error:
+                raise UserError(
+                    f"the camera calibration of {noise.date:%Y-%m-%d} is not of this sensor: "
+                    f"{error}. Calibrate it with labapp calibrate --camera, or remove the key "
+                    "'camera_calibration' from the bench file."
+                ) from error
         calibration = self.active_calibration
         if calibration is None:
             return described
@@ -209,22 +206,12 @@ class CameraFile(FileModel):
                 "Calibrate this bench, or remove the key 'calibration' from its file."
             ) from error
 
-    def _apply_camera_calibration(self, camera: Camera) -> Camera:
-        """Return the camera with the sensor as its calibration measured it."""
-        calibration = self.active_camera_calibration
-        if calibration is None:
-            return camera
-        try:
-            return replace(camera, sensor=calibration.apply_to(camera.sensor))
-        except ValueError as error:
-            raise UserError(
-                f"the camera calibration of {calibration.date:%Y-%m-%d} is not of this sensor: "
-                f"{error}. Calibrate it with labapp calibrate --camera, or remove the key "
-                "'camera_calibration' from the bench file."
-            ) from error
-
     def _build_nominal_camera(self) -> Camera:
-        panel, transmission = self._apply_polarisation(self.panel.build())
+        panel, transmission = self.panel.build(), self.transmission
+        if self.polarisation is not None:
+            effect = self.polarisation.build().effect()
+            panel = replace(panel, unmodulated=float(effect.unmodulated))
+            transmission *= float(effect.transmission)
         separation = self.lens.separation_mm * 1e-3
         lens, sensor = self.lens.build(), self.sensor.build()
         return Camera(
@@ -240,17 +227,6 @@ class CameraFile(FileModel):
             focus_drift=self.focus_drift_um * 1e-6,
             focus_drift_time=self.focus_drift_s,
         )
-
-    def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
-        """Return the panel with the unmodulated share that follows from the polarisation.
-
-        The second value is the camera's transmission, which includes the polarisation's.
-        """
-        if self.polarisation is None:
-            return panel, self.transmission
-        effect = self.polarisation.build().effect()
-        passed = self.transmission * float(effect.transmission)
-        return replace(panel, unmodulated=float(effect.unmodulated)), passed
 
 
 C = TypeVar("C", bound=CameraFile)

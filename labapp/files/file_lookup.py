@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from labapp.common.errors import UserError
 from labapp.files.guarded_reading import is_file, require_regular
@@ -42,6 +43,21 @@ def find_part_file(kind: str, file: str, folder: Path) -> Path:
             f"labapp: {', '.join(ready)}."
         )
     return path
+
+
+def split_part(data: dict[str, Any], kind: str, source: str) -> tuple[str, dict[str, Any]] | None:
+    """Return the file that a bench's plain data names for a part, and the keys beside it, if any.
+
+    kind: "panel" or "sensor".
+    source: name of the bench file in the UserError for a name that is no text.
+    """
+    part = data.get(kind)
+    if not isinstance(part, dict) or "file" not in part:
+        return None
+    file, own = part["file"], {key: value for key, value in part.items() if key != "file"}
+    if not isinstance(file, str):
+        raise UserError(f"{source}: key '{kind}.file' is {file!r}: it should be a string.")
+    return file, own
 
 
 def bundled_parts(kind: str) -> list[str]:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from annotated_types import MinLen
 
 from labapp.common.errors import UserError
-from labapp.files.phase_table import FormulaPattern, illuminated_radius
-from labapp.files.table import Count, Key, Positive
+from labapp.files.phase_table import FormulaPattern, OuterRadius, outer_radius
+from labapp.files.table import Count, Key
 
 if TYPE_CHECKING:
     import torch
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
 Near = Annotated[float, Key("nearest depth, 1 / distance in m; infinity is 0", "Near", 2, -20, 20)]
 Far = Annotated[float, Key("farthest depth, less than near_dioptre", "Far", 0, -20, 20)]
-OuterRadius = Annotated[
-    Positive | None, Key("on the panel; none: the stop's, or the panel's corners")
-]
 
 
 class MultiFocusPattern(FormulaPattern):
@@ -71,7 +68,7 @@ class MultiFocusPattern(FormulaPattern):
             self.wavelength,
             self.rings,
             focus_vergence(camera),
-            _outer_radius(self.radius_mm, camera),
+            outer_radius(self.radius_mm, camera),
             self.order,
             generator,
         )
@@ -103,7 +100,7 @@ class FocalSweepPattern(FormulaPattern):
             self.wavelength,
             self.sweeps,
             focus_vergence(camera),
-            _outer_radius(self.radius_mm, camera),
+            outer_radius(self.radius_mm, camera),
             self.even_in,
         )
 
@@ -141,11 +138,6 @@ def focus_vergence(camera: Camera) -> float:
     from optics.camera.pupil import panel_to_focus_distance
 
     return 1 / panel_to_focus_distance(camera)
-
-
-def _outer_radius(millimetres: float | None, camera: Camera) -> float:
-    """Return a round pattern's outer radius, metres; by default that of the light on the panel."""
-    return illuminated_radius(camera) if millimetres is None else millimetres * 1e-3
 
 
 _WAVELENGTH_TOLERANCE = 0.5e-9

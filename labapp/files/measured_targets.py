@@ -47,21 +47,19 @@ class CubeTable(PictureTargetTable):
         if values.ndim != 3:
             raise UserError(f"{self.file}: is {values.shape}; give rows, columns and bands.")
         try:
+            # The wavelengths of all bands, or of the first and the last of them.
+            given = np.array(self.wavelengths_nm) / 1e9
+            if len(given) == 2 and values.shape[2] > 2:
+                given = np.linspace(given[0], given[1], values.shape[2])
             return Cube(
                 image=torch.from_numpy((values / self.white).astype(np.float32)),
-                wavelengths=self._wavelengths(values.shape[2]),
+                wavelengths=tuple(given.tolist()),
                 distance=self.distance_m,
                 tol=self.tol,
                 **self.picture_arguments(lamps),
             )
         except ValueError as error:
             raise UserError(f"{self.file}: {error}.") from error
-
-    def _wavelengths(self, bands: int) -> tuple[float, ...]:
-        given = np.array(self.wavelengths_nm) / 1e9
-        if len(given) == 2 and bands > 2:
-            given = np.linspace(given[0], given[1], bands)
-        return tuple(given.tolist())
 
 
 class ReliefTable(PictureTargetTable):

@@ -32,16 +32,22 @@ def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]
     require_regular(path)
     kind = path.suffix.lower()
     try:
-        values = _select_variable(path, _variables(path, kind), variable)
+        arrays = _read_arrays(path, kind)
     except ValueError as error:
         raise UserError(f"{path}: cannot be read as {kind or 'a file'}: {error}.") from error
+    listed = ", ".join(arrays) or "nothing"
+    if variable is None and len(arrays) != 1:
+        raise UserError(f"{path}: holds {listed}; name one: variable.")
+    if variable is not None and variable not in arrays:
+        raise UserError(f"{path}: has no {variable!r}; it holds {listed}.")
+    values = np.asarray(next(iter(arrays.values())) if variable is None else arrays[variable])
     if values.dtype.kind not in "iuf":
         raise UserError(f"{path}: holds {values.dtype} values. Give real numbers.")
     require_free_memory(path, 8 * values.size, "its numbers in double precision")
     return values.astype(np.float64, copy=False)
 
 
-def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:
+def _read_arrays(path: Path, kind: str) -> dict[str, NDArray[Any]]:
     """Read all arrays by name; the ending names the format."""
     if kind == ".npy":
         return {path.stem: read_npy(path)}
@@ -52,18 +58,6 @@ def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:
     if kind == ".mat":
         return read_matlab(path)
     return {path.stem: read_grey_picture(path, "an array of numbers")}
-
-
-def _select_variable(
-    path: Path, variables: dict[str, NDArray[Any]], name: str | None
-) -> NDArray[Any]:
-    if name is None and len(variables) == 1:
-        return np.asarray(next(iter(variables.values())))
-    if name is None:
-        raise UserError(f"{path}: holds {', '.join(variables) or 'nothing'}; name one: variable.")
-    if name not in variables:
-        raise UserError(f"{path}: has no {name!r}; it holds {', '.join(variables) or 'nothing'}.")
-    return np.asarray(variables[name])
 
 
 _HDF5_VERSION = 2

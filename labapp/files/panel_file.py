@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
-from labapp.files.file_lookup import find_part_file
+from labapp.files.file_lookup import find_part_file, split_part
 from labapp.files.lut_file import LutTable, read_lut
 from labapp.files.picture.grey_picture import read_grey_picture
 from labapp.files.quantities import Amount, Finite, NanometresText, Positive, Share
@@ -39,13 +39,14 @@ class MapTable(FileModel):
 
         Raises UserError if it can't be read or is no map.
         """
-        return self._map(_values(Path(self.file)))
-
-    def _map(self, values: NDArray[np.float64]) -> PanelMap:
         try:
-            return PanelMap(torch.from_numpy(values))
+            return PanelMap(torch.from_numpy(self._values()))
         except ValueError as error:
             raise UserError(f"{self.file}: {error}.") from error
+
+    def _values(self) -> NDArray[np.float64]:
+        """Read the picture's numbers, without decoding them from sRGB."""
+        return read_grey_picture(Path(self.file), "a map of the panel").astype(np.float64)
 
 
 class FlatnessTable(MapTable):
@@ -60,17 +61,12 @@ class FlatnessTable(MapTable):
     nm_per_grey: Finite
     wrapped_nm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
-    def build(self) -> PanelMap:
-        path = _values(Path(self.file)) * self.nm_per_grey * 1e-9
+    def _values(self) -> NDArray[np.float64]:
+        path = super()._values() * self.nm_per_grey * 1e-9
         if self.wrapped_nm is not None and path.ndim == 2:
             for axis in (0, 1):
                 path = np.unwrap(path, period=self.wrapped_nm * 1e-9, axis=axis)
-        return self._map(path)
-
-
-def _values(path: Path) -> NDArray[np.float64]:
-    """Read a picture's numbers, without decoding them from sRGB."""
-    return read_grey_picture(path, "a map of the panel").astype(np.float64)
+        return path
 
 
 Count = Annotated[int, Field(ge=1, le=100_000)]
@@ -195,12 +191,10 @@ def with_panel(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any
     Keys beside `file` override those of the panel file. A table `polarisation` overrides the
     panel file's unmodulated share. `source` is the name of the bench file in errors.
     """
-    panel = data.get("panel")
-    if not isinstance(panel, dict) or "file" not in panel:
+    found = split_part(data, "panel", source)
+    if found is None:
         return data
-    file, own = panel["file"], {key: value for key, value in panel.items() if key != "file"}
-    if not isinstance(file, str):
-        raise UserError(f"{source}: key 'panel.file' is {file!r}: it should be a string.")
+    file, own = found
     given = read_panel(file, folder).model_dump()
     if "lut" in own:
         given["response"] = None

@@ -77,15 +77,11 @@ class SceneFile(FileModel):
                     f"target {name!r} stands in the light of {light!r}, which isn't in the table "
                     f"'lights' ({known})"
                 )
-        if self.version == 1:
-            self._require_version_1_content()
-        return self
-
-    def _require_version_1_content(self) -> None:
         new = [name for name, one in self.targets.items() if not isinstance(one, _VERSION_1_KINDS)]
-        if new or self.lights:
+        if self.version == 1 and (new or self.lights):
             what = f"target {new[0]!r}" if new else "the table 'lights'"
             raise ValueError(f"{what} needs version = 2")
+        return self
 
     def build(self) -> Scene:
         """Build the simulator's scene; UserError if a file that it names is wrong."""
@@ -100,8 +96,8 @@ class SceneFile(FileModel):
 
     @property
     def input_files(self) -> list[Path]:
-        """Paths of the pictures and data that the scene names."""
-        return referenced_files(self)
+        """Paths of the pictures and data that the scene names, each once, sorted."""
+        return sorted(set(_collect_paths("", self)))
 
     def with_files_in(self, folder: Path) -> SceneFile:
         """Return the scene with absolute paths of its files, relative to `folder`."""
@@ -123,20 +119,12 @@ PATH_KEYS = frozenset({"file", "disparity", "depth"})
 
 
 def with_absolute_paths(table: M, folder: Path) -> M:
-    """Return a table with absolute paths, those within its own tables included.
-
-    Relative paths start at `folder`.
-    """
+    """Return a table with absolute paths, those within its own tables included."""
     changes = {
         name: _make_absolute(name, getattr(table, name), folder)
         for name in type(table).model_fields
     }
     return table.model_copy(update=changes)
-
-
-def referenced_files(table: FileModel) -> list[Path]:
-    """Return all paths that a table, and those within it, name, each once, sorted."""
-    return sorted(set(_collect_paths("", table)))
 
 
 def _make_absolute(name: str, value: Any, folder: Path) -> Any:

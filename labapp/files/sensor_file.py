@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
-from labapp.files.file_lookup import find_part_file
+from labapp.files.file_lookup import find_part_file, split_part
 from labapp.files.quantities import Amount, Finite, NanometresText, Positive
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.spectrum_file import read_spectrum
@@ -65,7 +65,10 @@ class ColourTable(FileModel):
         )
 
     def resolve_files(self, folder: Path) -> ColourTable:
-        found = {name: _read_curve(one, folder) for name, one in self.efficiency.items()}
+        found = {
+            name: one.read_curve(folder) if isinstance(one, CurveFile) else one
+            for name, one in self.efficiency.items()
+        }
         return self.model_copy(update={"efficiency": found})
 
 
@@ -217,12 +220,10 @@ def with_sensor(data: dict[str, Any], folder: Path, source: str) -> dict[str, An
     Keys beside `file` override those of the sensor file; quantum_efficiency and colour replace
     each other. `source` is the name of the bench file in errors.
     """
-    sensor = data.get("sensor")
-    if not isinstance(sensor, dict) or "file" not in sensor:
+    found = split_part(data, "sensor", source)
+    if found is None:
         return data
-    file, own = sensor["file"], {key: value for key, value in sensor.items() if key != "file"}
-    if not isinstance(file, str):
-        raise UserError(f"{source}: key 'sensor.file' is {file!r}: it should be a string.")
+    file, own = found
     given = read_sensor(file, folder).model_dump()
     if "colour" in own:
         given["quantum_efficiency"] = None
@@ -239,10 +240,6 @@ def require_monochrome_sensor(sensor: Sensor, task: str) -> None:
             f"sensor has colour filters, {' '.join(sensor.colour.pattern)}. Take a bench with a "
             "monochrome sensor; labapp reconstruct and labapp report restore records in colour."
         )
-
-
-def _read_curve(curve: Curve, folder: Path) -> InlineCurve:
-    return curve.read_curve(folder) if isinstance(curve, CurveFile) else curve
 
 
 def _spectrum(curve: Curve) -> Spectrum:

@@ -137,13 +137,7 @@ def _require_plain(settings: Mapping[str, Any]) -> None:
 
 
 _DAMAGE = (
-    OSError,
-    EOFError,
-    RuntimeError,
-    LookupError,
-    TypeError,
-    ValueError,
-    AttributeError,
+    OSError, EOFError, RuntimeError, LookupError, TypeError, ValueError, AttributeError,
     pickle.UnpicklingError,
-)
+)  # fmt: skip
 """What loading damaged data raises."""

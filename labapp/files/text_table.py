@@ -11,7 +11,7 @@ from pathlib import Path
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
 from labapp.common.typed_numbers import parse_number
-from labapp.files.reading import read_byte_text
+from labapp.files.reading import read_text
 from labapp.files.text_encoding import UNTOLD
 
 Line = tuple[int, list[str]]
@@ -28,7 +28,7 @@ def table_lines(path: Path) -> list[Line]:
     line that begins with %, ! or //, and empty lines are left out. Raises UserError if the file
     isn't text, or holds letters in an encoding that can't be told.
     """
-    text = read_byte_text(path, "a table as CSV")
+    text = read_text(path, "a table as CSV", any_encoding=True)
     plain = ((k, _COMMENT.sub("", line)) for k, line in enumerate(text.splitlines(), 1))
     kept = [(k, line) for k, line in plain if line.strip()]
     for number, line in kept:
@@ -100,18 +100,7 @@ def _require_one_decimal_sign(path: Path, lines: list[Line]) -> None:
 
 _BRACKETS = re.compile(r"[(\[{]([^)\]}]*)[)\]}]")
 _AFTER_SLASH = re.compile(r"/\s*(\S+)\s*$")
-_LEVELS = {
-    "grey",
-    "gray",
-    "level",
-    "greylevel",
-    "graylevel",
-    "greyvalue",
-    "grayvalue",
-    "index",
-    "dn",
-    "gl",
-}
+_LEVEL = re.compile(r"gr[ea]y(level|value)?|level|index|dn|gl")
 _VOLTAGE = re.compile(r"volt|spannung|tension|\bm?v\b|\bdac\b|\bdrive\b", re.IGNORECASE)
 _NANOMETRES = re.compile(r"([0-9.,]+)\s*nm\b", re.IGNORECASE)
 _PHASE_UNITS = {
@@ -132,7 +121,7 @@ _LOGARITHMS = re.compile(r"\b(od|optical density|db|absorbance)\b", re.IGNORECAS
 def is_level(heading: str) -> bool:
     """Return whether a heading names the panel's grey levels."""
     word = re.sub(r"[\s_\-]", "", _BRACKETS.sub("", heading).lower())
-    return word.removesuffix("s") in _LEVELS
+    return _LEVEL.fullmatch(word.removesuffix("s")) is not None
 
 
 def is_voltage(heading: str) -> bool:

@@ -45,22 +45,12 @@ PANASONIC_OFFSET = 280
 
 @dataclass(frozen=True)
 class _Layout:
-    """How TIFF's numbers are laid out: their order, and the size of its offsets."""
+    """How TIFF's numbers are laid out: their order, a tag, the number of tags, and an offset."""
 
     order: str
-    is_big: bool
-
-    @property
-    def entry(self) -> struct.Struct:
-        return struct.Struct(self.order + ("HHQ8s" if self.is_big else "HHL4s"))
-
-    @property
-    def count(self) -> struct.Struct:
-        return struct.Struct(self.order + ("Q" if self.is_big else "H"))
-
-    @property
-    def offset(self) -> struct.Struct:
-        return struct.Struct(self.order + ("Q" if self.is_big else "L"))
+    entry: struct.Struct
+    count: struct.Struct
+    offset: struct.Struct
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,9 +194,11 @@ def _read_header(data: bytes) -> tuple[_Layout | None, int]:
     """Return the layout of numbers and the offset of the first page, or None and 0."""
     if not is_tiff_like(data):
         return None, 0
-    layout = _Layout("<" if data[:2] == b"II" else ">", data[:4] in _BIG)
+    order, is_big = "<" if data[:2] == b"II" else ">", data[:4] in _BIG
+    forms = ("HHQ8s", "Q", "Q") if is_big else ("HHL4s", "H", "L")
+    layout = _Layout(order, *(struct.Struct(order + form) for form in forms))
     try:
-        (first,) = layout.offset.unpack_from(data, 8 if layout.is_big else 4)
+        (first,) = layout.offset.unpack_from(data, 8 if is_big else 4)
     except struct.error:
         return None, 0
     return layout, int(first)

@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 
 def _require_zernike_term(term: tuple[int, int, float]) -> tuple[int, int, float]:
-    require_zernike_indices(term[0], term[1])
+    require_zernike_indices(*term[:2])
     return term
 
 
@@ -89,13 +89,16 @@ class TruePanelTable(FileModel):
     illumination: IlluminationTable | None = None
 
     def apply(self, panel: Panel) -> Panel:
-        same = ("fill_factor", "unmodulated", "reflectivity", "flicker")
+        same = (
+            "fill_factor", "unmodulated", "reflectivity", "flicker", "gap_reflection",
+            "front_reflection",
+        )  # fmt: skip
         changes: dict[str, Any] = {
-            name: getattr(self, name) for name in (*same, "gap_reflection", "front_reflection")
+            **{name: getattr(self, name) for name in same},
+            "jitter": self.jitter_rad,
+            "coupling": _times(self.coupling_um, 1e-6),
+            "response_time": _times(self.response_time_ms, 1e-3),
         }
-        changes["jitter"] = self.jitter_rad
-        changes["coupling"] = _times(self.coupling_um, 1e-6)
-        changes["response_time"] = _times(self.response_time_ms, 1e-3)
         if self.response is not None:
             changes["response"] = self.response.build(panel.levels)
         if self.flatness is not None:

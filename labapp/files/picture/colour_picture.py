@@ -89,17 +89,14 @@ def cached_picture(file: str, encoding: str | None = None) -> NDArray[np.float32
     encoding: how its numbers stand for light; None for what the file says.
     Targets of the same picture share one array.
     """
-    which = (file, _modification_time(file), encoding or "")
+    try:
+        changed = Path(file).stat().st_mtime_ns
+    except OSError:
+        changed = 0
+    which = (file, changed, encoding or "")
     found = _pictures.get(which)
     if found is None:
         found = _pictures[which] = read_scene_picture(
             Path(file), parse_encoding(encoding) if encoding else None
         )
     return found
-
-
-def _modification_time(file: str) -> int:
-    try:
-        return Path(file).stat().st_mtime_ns
-    except OSError:
-        return 0

@@ -226,8 +226,7 @@ def _whole(path: Path, word: bytes) -> int:
 
 def _white(path: Path, word: bytes) -> int:
     """Return the highest level that a header states."""
-    white = _whole(path, word)
-    if white > _MOST_WHITE:
+    if (white := _whole(path, word)) > _MOST_WHITE:
         raise _damaged(path, f"its highest level is {white}, above {_MOST_WHITE}")
     return white
 

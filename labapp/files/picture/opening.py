@@ -7,7 +7,7 @@ from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.picture.headers import find_header
-from labapp.files.picture.netpbm import is_netpbm
+from labapp.files.picture.netpbm import count_netpbm_pages, is_netpbm, read_netpbm
 from labapp.files.picture.stored import StoredPicture
 from labapp.files.raw import is_raw, read_raw
 from labapp.files.tiff_directories import is_tiff
@@ -44,13 +44,13 @@ def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
         from labapp.files.picture.coded_file import read_coded
 
         return read_coded(path, data, header)
-    read = _other_reader(data)
-    if read is None:
+    reader = _find_reader(data)
+    if reader is None:
         raise UserError(
             f"{path}: is not a picture that can be read: it is {name_format(data, path.suffix)}. "
             f"Give a {FORMATS}."
         )
-    return read(path, data, page)
+    return reader[0](path, data, page)
 
 
 def count_pages(path: Path, data: bytes) -> int:
@@ -59,40 +59,27 @@ def count_pages(path: Path, data: bytes) -> int:
         from labapp.files.picture.tiff_file import count_tiff_pages
 
         return count_tiff_pages(data)
+    reader = _find_reader(data)
+    return 1 if reader is None else reader[1](path, data)
+
+
+def _find_reader(
+    data: bytes,
+) -> tuple[Callable[[Path, bytes, int], StoredPicture], Callable[[Path, bytes], int]] | None:
+    """Return what reads and what counts pictures of light or plain numbers; None for others."""
     if data.startswith(_OPEN_EXR):
-        from labapp.files.picture.open_exr import count_exr_pages
+        from labapp.files.picture.open_exr import count_exr_pages, read_open_exr
 
-        return count_exr_pages(path, data)
-    if data.startswith(_FITS):
-        from labapp.files.picture.fits import count_fits_pages
-
-        return count_fits_pages(path, data)
-    if is_netpbm(data):
-        from labapp.files.picture.netpbm import count_netpbm_pages
-
-        return count_netpbm_pages(path, data)
-    return 1
-
-
-def _other_reader(data: bytes) -> Callable[[Path, bytes, int], StoredPicture] | None:
-    """Return the reader of a format that has light or plain numbers; None if it is none of them."""
-    if data.startswith(_OPEN_EXR):
-        from labapp.files.picture.open_exr import read_open_exr
-
-        return read_open_exr
+        return read_open_exr, count_exr_pages
     if data.startswith(_RADIANCE):
         from labapp.files.picture.radiance import read_radiance
 
-        return read_radiance
+        return read_radiance, lambda path, data: 1
     if data.startswith(_FITS):
-        from labapp.files.picture.fits import read_fits
+        from labapp.files.picture.fits import count_fits_pages, read_fits
 
-        return read_fits
-    if is_netpbm(data):
-        from labapp.files.picture.netpbm import read_netpbm
-
-        return read_netpbm
-    return None
+        return read_fits, count_fits_pages
+    return (read_netpbm, count_netpbm_pages) if is_netpbm(data) else None
 
 
 _STARTS = (

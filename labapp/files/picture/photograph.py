@@ -34,15 +34,11 @@ class Photograph:
     """A photograph as it was read, in the sensor's order.
 
     levels: (bands, rows, columns), the file's numbers; one band, or red, green and blue.
-    encoding: how the levels stand for light.
-    encoding_source: who says so, in words.
+    encoding: how the levels stand for light; encoding_source: who says so, in words.
     white: number of white; None for floating-point numbers.
-    kind: format in words.
     orientation: 1 to 8, as Exif counts them, which is told and never applied, because the PSF that
     belongs to the photograph isn't turned either.
-    is_lossy: whether the file's compression has lost something.
-    exposure: what the camera noted, or None.
-    notes: what was done or left out.
+    exposure: what the camera noted, or None; notes: what was done or left out.
     """
 
     path: Path
@@ -63,11 +59,12 @@ class Photograph:
 
     @property
     def light(self) -> Light:
-        """The levels as linear light: white is 1 for coded ones, linear ones keep their unit."""
-        return self.relative_light if self.is_coded else self._representable_levels()
+        """The levels as linear light: white is 1 for coded ones, linear ones keep their unit.
 
-    def _representable_levels(self) -> Light:
-        """Return the levels; UserError if their unit is too far from 1 for single precision."""
+        Raises UserError if that is too far from 1 for single precision.
+        """
+        if self.is_coded:
+            return self.relative_light
         with np.errstate(over="ignore", under="ignore"):
             light = self.levels.astype(np.float32)
         if self.levels.dtype.kind == "f":
@@ -91,12 +88,11 @@ class Photograph:
         """How the numbers were read, in words, where that isn't plain."""
         if self.orientation == 1:
             return self.notes
-        turned = _TURNS[self.orientation]
-        return (
-            *self.notes,
-            f"by its orientation it is to be shown {turned}; the sensor's order was kept, which "
-            "is that of its PSF",
+        told = (
+            f"by its orientation it is to be shown {_TURNS[self.orientation]}; the sensor's order "
+            "was kept, which is that of its PSF"
         )
+        return (*self.notes, told)
 
     def saturation_level(self) -> float | None:
         """Find the level at which the sensor's wells were full; None if there is no sign of it."""

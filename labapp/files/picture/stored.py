@@ -24,13 +24,12 @@ class StoredPicture:
     values: (bands, rows, columns), numbers as stored; 1 band, or red, green and blue.
     kind: the format in words, as in "OpenEXR, half".
     white: number of white for coded integers, None where the file has none.
-    encoding: None where the file doesn't say; `encoding_source` is who says it.
+    encoding: None where the file doesn't say; `encoding_source` is who says it, and
+    `encoding_refusal` why it can't be turned into light; empty if it can.
     pages: pictures in the file.
     orientation: 1 to 8, as Exif counts them; 1 is upright.
     is_lossy: whether the compression changed the numbers.
     notes: what was done or left out, in words.
-    encoding_refusal: why what the file says of its encoding can't be turned into light; empty if it
-    can.
     """
 
     values: NDArray[Any]
