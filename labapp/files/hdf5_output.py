@@ -60,10 +60,7 @@ def create_hdf5(handle: int, **options: Any) -> Iterator[h5py.File]:
 
 
 class DraftFile(io.RawIOBase):
-    """An open file as h5py takes one.
-
-    error: what the disk has refused, if anything.
-    """
+    """An open file as h5py takes one; `error` is what the disk has refused, if anything."""
 
     def __init__(self, handle: int) -> None:
         self._handle, self._position = handle, 0

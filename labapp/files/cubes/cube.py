@@ -152,10 +152,7 @@ class SpectralCube:
 
 
 def _single_precision(values: object, name: str, *, may_miss: bool) -> Values | StoredValues:
-    """Return an array in float32; raise UserError if it isn't finite real numbers.
-
-    may_miss: whether masked values and NaN stand for missing ones.
-    """
+    """Return an array in float32; UserError unless it is finite real numbers, or NaN may be."""
     if isinstance(values, StoredValues):
         return values
     given = np.asanyarray(values)

@@ -7,7 +7,7 @@ colours are properties that items refer to (ISO/IEC 23008-12, and ISO/IEC 14496-
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from labapp.files.exif import Exif
 from labapp.files.picture.encoding import Statement
@@ -46,9 +46,9 @@ def orientation_of_heif(data: bytes) -> int:
     """
     turns, mirror = 0, None
     for name, content in _properties(data):
-        if name == b"irot" and len(content):
+        if name == b"irot" and content:
             turns = content[0] & 3
-        if name == b"imir" and len(content):
+        if name == b"imir" and content:
             mirror = content[0] & 1
     return _ORIENTATIONS[turns, mirror]
 
@@ -163,8 +163,7 @@ _WHOLE, _FLOATING = ((8, 0), (10, 0), (12, 0), (1, 6)), ((32, 0), (16, 0), (24, 
 """Bits of a sample of whole numbers and of floating point: offsets, and bits that add to them."""
 
 
-@dataclass(frozen=True)
-class JpegXLHeader:
+class JpegXLHeader(NamedTuple):
     """Size in pixels, orientation as Exif counts it, and bits of a sample; None if not found."""
 
     width: int

@@ -132,13 +132,19 @@ def decode_levels(levels: Numbers, white: float | None, encoding: Encoding) -> N
         count = 1 if encoding.curves is None else len(encoding.curves)
         every = np.broadcast_to(every, (count, every.size))
         tables = encoding.to_light(every).astype(np.float32)
+        if 1 < count != len(levels):
+            raise UserError(
+                f"an ICC profile of {count} colours belongs to a grey picture; convert it."
+            )
+        tables = np.broadcast_to(tables, (len(levels), every.shape[1]))
     rows = max(1, _BLOCK // max(1, levels[:, 0].size))
     for start in range(0, levels.shape[1], rows):
         part = slice(start, start + rows)
         if tables is None:
             light[:, part] = encoding.to_light(levels[:, part].astype(np.float64) / scale)
         else:
-            light[:, part] = _look_up(tables, levels[:, part])
+            for band, table in enumerate(tables):
+                light[band, part] = table[levels[band, part]]
     return light
 
 
@@ -250,14 +256,3 @@ def _each_band(values: Numbers, numbers: Numbers, nodes: Numbers) -> Numbers:
         curves = np.broadcast_arrays(nodes, values)
         found = np.stack([np.interp(*one) for one in zip(numbers, *curves, strict=True)])
     return found.astype(np.float32 if numbers.dtype == np.float32 else np.float64, copy=False)
-
-
-def _look_up(tables: NDArray[np.float32], levels: Numbers) -> NDArray[np.float32]:
-    """Return the light of integer levels, (bands, rows, columns), from one table or one a band."""
-    if len(tables) == 1:
-        return tables[0][levels]
-    if len(levels) != len(tables):
-        raise UserError(
-            f"an ICC profile of {len(tables)} colours belongs to a grey picture; convert it."
-        )
-    return np.stack([table[band] for table, band in zip(tables, levels, strict=True)])

@@ -143,10 +143,7 @@ def exif_of_jpeg(data: bytes) -> Exif | None:
 
 
 def exif_of_png(data: bytes) -> Exif | None:
-    """Return the Exif in a PNG's eXIf chunk, or in the text that served before there was one.
-
-    A chunk with a wrong check sum is passed over.
-    """
+    """Return the Exif in a PNG's eXIf chunk, or in the text that served before there was one."""
     older = None
     for name, content, is_intact in png_chunks(data):
         if name == b"eXIf" and is_intact:
@@ -158,8 +155,8 @@ def exif_of_png(data: bytes) -> Exif | None:
 
 def exif_of_webp(data: bytes) -> Exif | None:
     """Return the Exif in WebP's chunk (RFC 9649, section 2.7.1.5)."""
-    found = (bytes(content) for name, content in riff_chunks(data) if name == b"EXIF")
-    return next((read_exif(one) for one in found), None)
+    chunks = riff_chunks(data)
+    return next((read_exif(bytes(one)) for name, one in chunks if name == b"EXIF"), None)
 
 
 def _text_profile(name: bytes, content: bytes) -> Exif | None:

@@ -181,7 +181,16 @@ def read_fits(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     pictures = [unit for unit in units if unit.is_picture]
     pages = sum(unit.pages for unit in pictures)
     if not pictures:
-        raise _no_picture(path, units)
+        if any(unit.keys.get("ZIMAGE") is True for unit in units):
+            raise UserError(
+                f"{path}: is a FITS file whose picture is compressed in tiles. Expand it with "
+                "funpack."
+            )
+        kinds = [printable_line(str(one.keys.get("XTENSION", "no data"))) for one in units]
+        raise UserError(
+            f"{path}: is a FITS file without a picture: it has {', '.join(kinds[:5])}. Give one "
+            "with an image of two or three axes."
+        )
     if not 0 <= page < pages:
         raise UserError(f"{path}: holds {pages} pictures, counted from 0. Name one of them.")
     rest = page
@@ -216,19 +225,6 @@ def count_fits_pages(path: Path, data: bytes) -> int:
     return sum(unit.pages for unit in read_units(path, data) if unit.is_picture)
 
 
-def _no_picture(path: Path, units: list[FitsUnit]) -> UserError:
-    """Return the error that says why no unit is a picture."""
-    if any(unit.keys.get("ZIMAGE") is True for unit in units):
-        return UserError(
-            f"{path}: is a FITS file whose picture is compressed in tiles. Expand it with funpack."
-        )
-    kinds = [printable_line(str(unit.keys.get("XTENSION", "no data"))) for unit in units]
-    return UserError(
-        f"{path}: is a FITS file without a picture: it has {', '.join(kinds[:5])}. Give one with "
-        "an image of two or three axes."
-    )
-
-
 def _scale(path: Path, stored: NDArray[Any], keys: Keys) -> tuple[NDArray[Any], list[str]]:
     """Return a page's numbers as BZERO and BSCALE say (section 4.4.2.5), and notes."""
     zero, scale = keyword_number(keys, "BZERO", 0.0), keyword_number(keys, "BSCALE", 1.0)
@@ -238,9 +234,9 @@ def _scale(path: Path, stored: NDArray[Any], keys: Keys) -> tuple[NDArray[Any], 
         if (zero, scale) == (0, 1):
             return stored, []
         return (scale * stored + zero).astype(stored.dtype), [_scaled(scale, zero)]
+    values, notes = _scale_integers(stored, scale, zero)
     blank = keys.get("BLANK")
     missing = stored == blank if isinstance(blank, int) else np.zeros(1, bool)
-    values, notes = _scale_integers(stored, scale, zero)
     if missing.any():
         values = np.where(missing, np.nan, values)
         notes.append(f"{int(missing.sum())} of its values are missing (BLANK)")

@@ -52,9 +52,8 @@ def icc_encoding(profile: bytes) -> Statement:
     if tags is None:
         return Statement(None, "", ("its ICC profile is damaged and was passed over",))
     name = _describe(tags)
-    curves = [tags[tag] for tag in _COLOUR_CURVES if tag in tags] or [
-        tags[tag] for tag in (b"kTRC",) if tag in tags
-    ]
+    names = [tag for tag in _COLOUR_CURVES if tag in tags] or [b"kTRC"]
+    curves = [tags[tag] for tag in names if tag in tags]
     if not curves and any(tag in tags for tag in _TABLES):
         raise UserError(
             f"its ICC profile {name} has a table of colours instead of curves, from which labapp "
@@ -68,9 +67,8 @@ def icc_encoding(profile: bytes) -> Statement:
 
 
 def icc_profile(encoding: Encoding, bands: int = 3) -> bytes:
-    """Return a small ICC profile of version 4 for linear or sRGB light with sRGB's primaries.
+    """Return a small ICC profile of version 4 for linear or sRGB light, grey or with sRGB's bands.
 
-    bands: 3, or 1 for the profile of a grey picture.
     Raises ValueError for other encodings.
     """
     if encoding.name not in ("linear", "srgb"):
@@ -189,18 +187,16 @@ def _name_curves(curves: list[Encoding | NDArray[np.float64]]) -> Encoding:
 
 def _note_primaries(tags: dict[bytes, bytes], name: str) -> tuple[str, ...]:
     """Return a note if a profile's primary colours aren't sRGB's; light stays in them."""
-    places = {tag: _parse_xyz(tags.get(tag, b"")) for tag in PRIMARIES}
-    found = [(tags_place, PRIMARIES[tag]) for tag, tags_place in places.items() if tags_place]
-    if all(np.allclose(one, same, rtol=0, atol=_SAME_PRIMARIES) for one, same in found):
+    for name_of, primary in PRIMARIES.items():
+        tag = tags.get(name_of, b"")
+        if tag[:4] != b"XYZ " or len(tag) < 20:
+            continue
+        place = [one / 65536 for one in struct.unpack_from(">3i", tag, 8)]
+        if not np.allclose(place, primary, rtol=0, atol=_SAME_PRIMARIES):
+            break
+    else:
         return ()
     return (f"its colours are those of its ICC profile {name}, and not sRGB's; they are kept",)
-
-
-def _parse_xyz(tag: bytes) -> tuple[float, ...] | None:
-    """Return a colour from a profile's tag; None if it isn't there."""
-    if tag[:4] != b"XYZ " or len(tag) < 20:
-        return None
-    return tuple(one / 65536 for one in struct.unpack_from(">3i", tag, 8))
 
 
 def _describe(tags: dict[bytes, bytes]) -> str:

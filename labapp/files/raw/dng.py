@@ -41,10 +41,7 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
 def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotograph:
-    """Read a DNG's photograph.
-
-    Raises UserError, which names what the file is, unless it holds a mosaic of a sensor's numbers.
-    """
+    """Read a DNG's photograph; UserError names what the file is unless it holds a mosaic."""
     page, first = find_raw_page(path, pages), pages[0]
     rows, columns = page_shape(page)
     require_memory(path, len(data), 2 * rows * columns, "its mosaic")

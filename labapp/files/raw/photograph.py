@@ -18,18 +18,16 @@ Light = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class CameraColour:
-    """The camera's colours: matrix, white and noise, as far as its file says.
+    """The camera's colours; None where its file doesn't say.
 
     Attributes
     ----------
     matrix : NDArray or None, (channels, 3)
-        From CIE XYZ to the camera's channels, in the order of `RawPhotograph.channels`; None where
-        the file doesn't say.
+        From CIE XYZ to the camera's channels, in the order of `RawPhotograph.channels`.
     illuminant : str
         Light that the matrix is for, in words.
     white : NDArray or None, (channels,)
-        What white gives in each channel, on any scale, as the camera found it; None where the file
-        doesn't say.
+        What white gives in each channel, on any scale, as the camera found it.
     noise : NDArray or None, (channels, 2)
         Variance of a pixel as S x + O of its light x, white at 1: S and O of each channel.
     """
@@ -46,16 +44,14 @@ class RawPhotograph:
 
     Attributes
     ----------
-    path : Path
-        The file.
-    kind : str
-        What it is, in words, as "DNG, 126 x 146, RG/GB".
+    path, kind : Path, str
+        The file, and what it is, in words, as "DNG, 126 x 146, RG/GB".
     mosaic : NDArray of uint16, (rows, columns)
-        The sensor's numbers in the area that sees the scene, never turned. A table that the file
-        has for making them linear is applied.
+        The sensor's numbers in the area that sees the scene, never turned, made linear by the
+        file's table.
     pattern : tuple of str or None
         Rows of a letter for each pixel, which repeat from the first pixel of `mosaic` on, as
-        ("RG", "GB"). None for a sensor without colour filters.
+        ("RG", "GB"). None without colour filters.
     black : NDArray, (cell rows, cell columns)
         Level of darkness of the pixels of a cell, which repeats likewise.
     white : float
@@ -65,10 +61,8 @@ class RawPhotograph:
     linear_limit : float or None
         Level up to which numbers are proportional to light, where the maker says that it is below
         `white`.
-    colour : CameraColour
-        The camera's colours.
-    exposure : Exif
-        Exposure time, aperture and sensitivity.
+    colour, exposure : CameraColour, Exif
+        The camera's colours; exposure time, aperture and sensitivity.
     orientation : int
         How to turn the picture for people to see, 1 to 8 as in EXIF. It isn't applied.
     maker, model : str
@@ -122,15 +116,11 @@ class RawPhotograph:
     @cached_property
     def clip_level(self) -> float:
         """Level from which pixels count as clipped: stated, or where the mosaic shows it."""
-        seen = saturated_level(self._planes)
-        stated = [self.white, self.linear_limit, seen]
-        return min(level for level in stated if level is not None)
-
-    @property
-    def _planes(self) -> list[NDArray[np.uint16]]:
-        """The pixels of each place in the pattern's cell."""
         down, along = (1, 1) if not self.pattern else (len(self.pattern), len(self.pattern[0]))
-        return [self.mosaic[y::down, x::along] for y in range(down) for x in range(along)]
+        # The pixels of each place in the pattern's cell.
+        planes = [self.mosaic[y::down, x::along] for y in range(down) for x in range(along)]
+        stated = [self.white, self.linear_limit, saturated_level(planes)]
+        return min(level for level in stated if level is not None)
 
 
 def order_channels(pattern: tuple[str, ...]) -> str:
