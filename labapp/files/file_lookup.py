@@ -60,11 +60,6 @@ def split_part(data: dict[str, Any], kind: str, source: str) -> tuple[str, dict[
     return file, own
 
 
-def bundled_parts(kind: str) -> list[str]:
-    """Return the names of the panels or sensors that come with the application."""
-    return list(_bundled_files(f"{kind}s"))
-
-
 def require_file(path: Path) -> None:
     """Raise UserError if there is no regular file at a path."""
     if not is_file(path):

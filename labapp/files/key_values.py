@@ -111,5 +111,5 @@ def _default(field: FieldInfo) -> str:
 
 def _describe_key(key: str, field: FieldInfo) -> str:
     told = [one.description for one in field.metadata if isinstance(one, Key)]
-    described, unit = field.description or "".join(told[-1:]), unit_of(key)
-    return f"{unit}, {described}" if unit else described
+    described = field.description or "".join(told[-1:])
+    return f"{unit}, {described}" if (unit := unit_of(key)) else described

@@ -73,10 +73,9 @@ _ORDERS: dict[bytes, Literal["little", "big"]] = {b"IM": "little", b"MI": "big"}
 _COMPRESSED = 15
 """Type of a compressed element in its tag."""
 
-_NUMBERS = frozenset(
-    {"double", "single", "logical"}
-    | {f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)}
-)
+_NUMBERS = {"double", "single", "logical"} | {
+    f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)
+}
 """MATLAB's classes of numbers; others hold tables, texts and programs."""
 
 _STEP = 1 << 20
@@ -117,19 +116,14 @@ def _require_expansion(path: Path, data: bytes) -> None:
     while order and at + _TAG <= len(data):
         kind, size = (int.from_bytes(data[at + k : at + k + 4], order) for k in (0, 4))
         if kind == _COMPRESSED:
-            whole += _expanded_size(data[at + _TAG : at + _TAG + size], most - whole)
+            # How many bytes the element stands for, as far as that is asked.
+            machine, rest = zlib.decompressobj(), data[at + _TAG : at + _TAG + size]
+            while rest and whole < most and not machine.eof:
+                whole += len(machine.decompress(rest, _STEP))
+                rest = machine.unconsumed_tail
         if whole >= most:
             raise UserError(
                 f"{path}: its {len(data)} bytes stand for {whole / 1e6:.0f} MB and more. No "
                 "measurement is so empty; get the original."
             )
         at += _TAG + size
-
-
-def _expanded_size(data: bytes, most: int) -> int:
-    """Return how many bytes a compressed element stands for, up to `most`."""
-    machine, size = zlib.decompressobj(), 0
-    while data and size < most and not machine.eof:
-        size += len(machine.decompress(data, _STEP))
-        data = machine.unconsumed_tail
-    return size

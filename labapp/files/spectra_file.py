@@ -182,11 +182,7 @@ def as_ppm(psfs: NDArray[np.float64]) -> Stack:
 
 
 def name_bands(text: str, wavelengths: Sequence[float]) -> str:
-    """Return a parameter's name with the wavelength of its band, as "centre y, 550 nm".
-
-    text: has the number of a band, as "centre y of band 2".
-    wavelengths: metres.
-    """
+    """Return "centre y of band 2" with the band's wavelength, as "centre y, 550 nm"."""
     return re.sub(
         r" of band (\d+)", lambda found: f", {wavelengths[int(found[1])] * 1e9:g} nm", text
     )

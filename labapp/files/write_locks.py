@@ -49,22 +49,17 @@ def lock_file(handle: int) -> bool:
     try:
         fcntl.fcntl(handle, fcntl.F_OFD_SETLK, _LOCK)
     except OSError as error:
-        if error.errno in NO_LOCKS:
-            return _take_named_lock(handle)
-        if error.errno not in (errno.EAGAIN, errno.EACCES):
-            raise
-        return False
-    return True
+        if error.errno not in NO_LOCKS:
+            if error.errno not in (errno.EAGAIN, errno.EACCES):
+                raise
+            return False
+        # Most file systems keep locks, and a run loads no more than it needs.
+        from labapp.common.named_locks import take_named_lock
 
-
-def _take_named_lock(handle: int) -> bool:
-    # Most file systems keep locks, and a run loads no more than it needs.
-    from labapp.common.named_locks import take_named_lock
-
-    lock = take_named_lock(_lock_name(os.fstat(handle)))
-    if lock is None:
-        return False
-    _named_locks[handle] = lock
+        lock = take_named_lock(_lock_name(os.fstat(handle)))
+        if lock is None:
+            return False
+        _named_locks[handle] = lock
     return True
 
 

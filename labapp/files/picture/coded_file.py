@@ -117,7 +117,13 @@ def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
     what = f"a picture of {header.width} x {header.height} pixels by its header"
     require_memory(path, len(data), size, what, pixels=header.width * header.height)
     if header.kind == "JPEG":
-        _require_whole_jpeg(path, data)
+        # Decoders fill a JPEG that ends early with grey. Thumbnails have ends of their own.
+        scan = 2 + sum(4 + len(content) for _, content in jpeg_segments(data))
+        if data.find(_END, scan) < 0:
+            raise refuse_picture(path, "a JPEG that is cut short", "Get the original.")
+        if data.count(_SCAN) > _MOST_SCANS:
+            what = f"a JPEG of more than {_MOST_SCANS} scans, as no program writes"
+            raise refuse_picture(path, what, "Save it anew.")
     if header.kind == "PNG" and is_drawing(data):
         what = "a drawing that labapp made to look at, and holds no light"
         raise refuse_picture(path, what, "Give the .npy, .tiff or .h5 of what it shows.")
@@ -140,18 +146,6 @@ def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
         kind=header.kind if header.bits in (None, 8) else f"{header.bits}-bit {header.kind}",
         notes=(*notes, *stated.notes, *_further_pictures(data, header)),
     )
-
-
-def _require_whole_jpeg(path: Path, data: bytes) -> None:
-    """Raise UserError for a JPEG that ends early, which decoders fill with grey, or takes long."""
-    # Thumbnails in segments have ends of their own.
-    scan = 2 + sum(4 + len(content) for _, content in jpeg_segments(data))
-    if data.find(_END, scan) < 0:
-        raise refuse_picture(path, "a JPEG that is cut short", "Get the original.")
-    if data.count(_SCAN) > _MOST_SCANS:
-        raise refuse_picture(
-            path, f"a JPEG of more than {_MOST_SCANS} scans, as no program writes", "Save it anew."
-        )
 
 
 def _decode(path: Path, data: bytes, header: Header) -> Samples:

@@ -166,10 +166,6 @@ def damaged_fits(path: Path, why: str) -> UserError:
     return UserError(f"{path}: is a damaged FITS file: {why}. Get the file again.")
 
 
-FITS = b"SIMPLE  ="
-"""First bytes of FITS (section 4.4.1.1)."""
-
-
 def read_fits(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     """Read a plane of a FITS unit, or three of colours, scaled as its header says.
 

@@ -67,9 +67,6 @@ def damaged_exr(path: Path) -> UserError:
     return UserError(f"{path}: is a damaged or incomplete OpenEXR file. Get it again.")
 
 
-OPEN_EXR = b"v/1\x01"
-"""First bytes of OpenEXR (openexr.com, "File Layout")."""
-
 _COLOURS, _CHROMA = ("R", "G", "B"), ("RY", "BY")
 
 _SRGB = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
@@ -119,15 +116,10 @@ def read_open_exr(path: Path, data: bytes, page: int = 0) -> StoredPicture:
         compression == _LOSSY_FOR_FLOATS and values.dtype == np.float32
     )
     return StoredPicture(
-        values,
-        f"OpenEXR, {kind}",
-        encoding=LINEAR,
-        encoding_source="its format",
-        pages=len(headers),
-        exif=_exposure(header),
-        is_lossy=is_lossy,
+        values, f"OpenEXR, {kind}", None, LINEAR, "its format", len(headers),
+        exif=_exposure(header), is_lossy=is_lossy,
         notes=tuple(notes + _note_windows(header) + _note_colours(header)),
-    )
+    )  # fmt: skip
 
 
 def count_exr_pages(path: Path, data: bytes) -> int:
@@ -151,7 +143,7 @@ def _read_headers(path: Path, data: bytes) -> list[dict[str, Any]]:
 def _choose_channels(path: Path, channels: list[Any]) -> tuple[tuple[str, ...], list[str]]:
     """Return the names of the channels of light, and notes of what is left out."""
     names = [channel.name for channel in channels]
-    wanted, notes = _picture_channels(path, names)
+    wanted, notes = _find_light(path, names)
     if any((one.xSampling, one.ySampling) != (1, 1) for one in channels if one.name in wanted):
         raise UserError(
             f"{path}: is an OpenEXR file whose channels have fewer samples than pixels. Save it "
@@ -168,7 +160,7 @@ def _choose_channels(path: Path, channels: list[Any]) -> tuple[tuple[str, ...], 
     return wanted, notes
 
 
-def _picture_channels(path: Path, names: list[str]) -> tuple[tuple[str, ...], list[str]]:
+def _find_light(path: Path, names: list[str]) -> tuple[tuple[str, ...], list[str]]:
     """Return the channels of light among a part's channels: R, G and B, Y, or the only one."""
     if set(_COLOURS) <= set(names):
         return _COLOURS, []
@@ -219,13 +211,6 @@ def _size(header: dict[str, Any], window: str) -> tuple[int, int]:
     return bottom - top + 1, right - left + 1
 
 
-def _describe(header: dict[str, Any], window: str) -> str:
-    """Return size and place of a part's window in words."""
-    rows, columns = _size(header, window)
-    left, top = (int(one) for one in header[window][0])
-    return f"{columns} x {rows} pixels from column {left} and row {top} on"
-
-
 def _read_channels(
     path: Path, data: bytes, count: int, page: int, names: tuple[str, ...]
 ) -> NDArray[Any]:
@@ -259,20 +244,20 @@ def _exposure(header: dict[str, Any]) -> Exif | None:
     except ValueError:
         taken = None
     found = Exif(
-        positive("expTime"),
-        positive("aperture"),
-        positive("isoSpeed"),
-        maker=text("cameraMake"),
-        model=text("cameraModel"),
-        taken=taken,
-    )
+        positive("expTime"), positive("aperture"), positive("isoSpeed"),
+        maker=text("cameraMake"), model=text("cameraModel"), taken=taken,
+    )  # fmt: skip
     return None if found == Exif() else found
 
 
 def _note_windows(header: dict[str, Any]) -> list[str]:
     """Return notes if the pixels that a part has aren't those that it's meant to show."""
-    notes = []
-    found, shown = (_describe(header, name) for name in ("dataWindow", "displayWindow"))
+    notes, told = [], []
+    for window in ("dataWindow", "displayWindow"):
+        rows, columns = _size(header, window)
+        left, top = (int(one) for one in header[window][0])
+        told.append(f"{columns} x {rows} pixels from column {left} and row {top} on")
+    found, shown = told
     if found != shown:
         notes.append(f"all its {found} were read, of which it means to show {shown}")
     aspect = float(header.get("pixelAspectRatio", 1.0))

@@ -20,6 +20,7 @@ FORMATS = (
 
 _FITS, _OPEN_EXR = b"SIMPLE  =", b"\x76\x2f\x31\x01"
 _RADIANCE = (b"#?RADIANCE", b"#?RGBE", b"#?AUTOPANO")
+"""First bytes of FITS (section 4.4.1.1), of OpenEXR ("File Layout") and of Radiance HDR."""
 
 
 def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:

@@ -20,9 +20,6 @@ from labapp.files.guarded_reading import require_memory
 from labapp.files.picture.encoding import LINEAR, Encoding, gamma_encoding
 from labapp.files.picture.stored import StoredPicture
 
-RADIANCE = (b"#?RADIANCE", b"#?RGBE")
-"""First bytes of Radiance HDR."""
-
 _MOST_HEADER = 1 << 16
 """Bytes of a header that are looked at; scripts write their command lines there. Chosen."""
 

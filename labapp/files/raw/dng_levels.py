@@ -37,10 +37,7 @@ Area = tuple[slice, slice]
 
 
 def active_area(path: Path, page: Directory) -> Area:
-    """Return the rows and columns of the mosaic that see the scene.
-
-    Raises UserError if they lie outside the picture.
-    """
+    """Return the rows and columns that see the scene; UserError if they aren't in the picture."""
     rows, columns = page_shape(page)
     area = page.numbers(_AREA)
     top, left, bottom, right = area if len(area) == 4 else (0, 0, rows, columns)
@@ -53,10 +50,9 @@ def active_area(path: Path, page: Directory) -> Area:
 
 
 def filter_pattern(path: Path, page: Directory) -> tuple[str, ...] | None:
-    """Return the letters of the filters from the active area's first pixel on.
+    """Return the letters of the filters from the active area's first pixel on; None without.
 
-    Returns None for a sensor without filters. Raises UserError for a pattern that isn't stated, or
-    that isn't a rectangle of known colours.
+    Raises UserError for a pattern that isn't stated, or isn't a rectangle of known colours.
     """
     if page.number(PHOTOMETRIC, 0) != CFA:
         return None
@@ -73,18 +69,11 @@ def filter_pattern(path: Path, page: Directory) -> tuple[str, ...] | None:
 
 
 def black_cell(path: Path, page: Directory) -> NDArray[np.float64]:
-    """Return the black levels, which repeat from the active area's first pixel on.
-
-    Raises UserError unless there is one for each place.
-    """
+    """Return the black levels, which repeat from the active area's first pixel on."""
     shape = tuple(int(one) for one in page.numbers(_BLACK_REPEAT)) or (1, 1)
     levels = page.numbers(_BLACK) or (0.0,) * math.prod(shape)
-    if (
-        len(shape) != 2
-        or not levels
-        or math.prod(shape) != len(levels)
-        or not np.isfinite(levels).all()
-    ):
+    is_cell = len(shape) == 2 and levels and math.prod(shape) == len(levels)
+    if not is_cell or not np.isfinite(levels).all():
         raise UserError(
             f"{path}: is a DNG of {len(levels)} black levels for {' x '.join(map(str, shape))} "
             "places. Convert the camera's file again."
@@ -95,10 +84,7 @@ def black_cell(path: Path, page: Directory) -> NDArray[np.float64]:
 def black_changes(
     path: Path, page: Directory, shape: tuple[int, ...]
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return what rows and columns have beyond the black levels; None where nothing.
-
-    Raises UserError unless there is one for each row and column.
-    """
+    """Return what rows and columns have beyond the black levels; None where nothing."""
     found: list[NDArray[np.float64] | None] = []
     for code, count, name in zip(
         (_BLACK_ROWS, _BLACK_COLUMNS), shape, ("rows", "columns"), strict=True
@@ -115,8 +101,7 @@ def black_changes(
 
 def linear_table(page: Directory) -> NDArray[np.uint16] | None:
     """Return the table by which stored numbers become linear; None if they are."""
-    table = page.numbers(_TABLE)
-    return np.array(table, dtype=np.uint16) if table else None
+    return np.array(table, dtype=np.uint16) if (table := page.numbers(_TABLE)) else None
 
 
 def white_level(page: Directory) -> float:
