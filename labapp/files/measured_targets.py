@@ -26,9 +26,8 @@ from simulator.scene import Cube, Display, Relief, Target, display_primaries, di
 
 
 class CubeTable(PictureTargetTable):
-    """A multispectral picture in a scene: an array (rows, columns, bands).
+    """A multispectral picture in a scene: an array (rows, columns, bands) in .npy, .mat and others.
 
-    The array's file is .npy, .npz, .mat or .h5.
     variable is the array's name in a file of several. wavelengths_nm are those of the bands,
     rising, or the first and the last of evenly spaced bands. white is the file's value of a
     surface that reflects all light. tol is the relative error that is allowed when the spectra

@@ -22,10 +22,9 @@ from optics.slm import Panel, PanelMap
 
 
 class MapTable(FileModel):
-    """A picture file that covers the panel, of any resolution.
+    """A picture file that covers the panel: PNG, TIFF or .npy of any resolution.
 
-    It is an 8-bit, 16-bit or floating-point PNG or TIFF, or a NumPy .npy. Its values are used as
-    they are in the file, not decoded from sRGB.
+    Its values are used as they are in the file, not decoded from sRGB.
     """
 
     file: str
@@ -35,10 +34,7 @@ class MapTable(FileModel):
         return self.model_copy(update={"file": str(folder / self.file)})
 
     def build(self) -> PanelMap:
-        """Read the panel's map from its picture.
-
-        Raises UserError if it can't be read or is no map.
-        """
+        """Read the panel's map from its picture; UserError if that can't be read or is no map."""
         try:
             return PanelMap(torch.from_numpy(self._values()))
         except ValueError as error:

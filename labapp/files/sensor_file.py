@@ -30,10 +30,7 @@ class CurveFile(FileModel):
     column: str | None = None
 
     def read_curve(self, folder: Path) -> InlineCurve:
-        """Read a curve of quantum efficiency from its place in `folder`, shares by nm as text.
-
-        Raises UserError with file, line and value.
-        """
+        """Read the curve from its place in `folder`: electrons per photon by nm as text."""
         path = folder / self.file
         curve = read_spectrum(path, self.column)
         if curve.peak > 1:
@@ -141,10 +138,7 @@ class SensorTable(FileModel):
         return not any(isinstance(one, CurveFile) for one in curves)
 
     def resolve_files(self, folder: Path) -> Self:
-        """Return the table with its curves read from their files in `folder`.
-
-        Raises UserError with file, line and value.
-        """
+        """Return the table with its curves read from their files in `folder`."""
         efficiency = self.quantum_efficiency
         if isinstance(efficiency, CurveFile):
             efficiency = efficiency.read_curve(folder)

@@ -1,7 +1,8 @@
 """What AVIF, HEIF and JPEG XL say of their picture: Exif, orientation, and size or encoding.
 
 In AVIF and HEIF, the picture and the block of Exif are items of the file; turning, mirroring and
-colours are properties that items refer to (ISO/IEC 23008-12, and ISO/IEC 14496-12 for the boxes).
+colours are properties that items refer to, and Exif's orientation isn't the picture's (ISO/IEC
+23008-12, and ISO/IEC 14496-12 for the boxes).
 """
 
 from __future__ import annotations
@@ -27,10 +28,7 @@ _MOST_ITEMS = 10_000
 
 
 def exif_of_heif(data: bytes) -> Exif | None:
-    """Return the Exif in an item of AVIF or HEIF (ISO/IEC 23008-12, annex A).
-
-    Its orientation isn't the picture's: that is told by the properties irot and imir.
-    """
+    """Return the Exif in an item of AVIF or HEIF (ISO/IEC 23008-12, annex A)."""
     meta = _meta(data)
     wanted = _exif_item(meta.get(b"iinf"))
     if wanted is None:
@@ -173,10 +171,7 @@ class JpegXLHeader(NamedTuple):
 
 
 def exif_of_jpeg_xl(data: bytes) -> Exif | None:
-    """Return the Exif in JPEG XL's box (ISO/IEC 18181-2, section 9.4).
-
-    Its orientation isn't the picture's: that stands in the picture's own header.
-    """
+    """Return the Exif in JPEG XL's box (ISO/IEC 18181-2, section 9.4)."""
     found = (content for name, content in boxes(memoryview(data)) if name == b"Exif")
     return next((exif_after_offset(one) for one in found), None)
 

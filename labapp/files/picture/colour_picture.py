@@ -84,11 +84,7 @@ _pictures: WeakValueDictionary[tuple[str, int, str], NDArray[np.float32]] = Weak
 
 
 def cached_picture(file: str, encoding: str | None = None) -> NDArray[np.float32]:
-    """Return a picture as linear red, green and blue; read it again only if it has changed.
-
-    encoding: how its numbers stand for light; None for what the file says.
-    Targets of the same picture share one array.
-    """
+    """Return a picture as linear red, green and blue; read it again only if it has changed."""
     try:
         changed = Path(file).stat().st_mtime_ns
     except OSError:

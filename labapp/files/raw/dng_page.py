@@ -56,7 +56,13 @@ def find_raw_page(path: Path, pages: Sequence[Directory]) -> Directory:
     whole = [page for page in raw if not page.number(NEW_SUBFILE_TYPE, 0) & 1]
     main = [page for page in whole if page.number(NEW_SUBFILE_TYPE, 0) == 0] or whole
     if not main:
-        _require_all_pages(path, pages)
+        for page in pages:
+            further = (*page.numbers(SUB_DIRECTORIES), page.next_offset)
+            if any(at >= len(page.data) for at in further):
+                raise UserError(
+                    f"{path}: is a RAW file that is cut: the description of a picture lies beyond "
+                    f"its {len(page.data)} bytes. Copy it from the camera again."
+                )
         raise UserError(
             f"{path}: is a DNG without RAW numbers: it holds {len(pages)} pictures for screens "
             f"alone. {_HOW}"
@@ -99,16 +105,6 @@ def require_whole(path: Path, page: Directory) -> None:
             f"{path}: is a RAW file without a picture: its parts are empty. Copy it from the "
             "camera again."
         )
-
-
-def _require_all_pages(path: Path, pages: Sequence[Directory]) -> None:
-    """Raise UserError if a page leads to another beyond the end of the file."""
-    for page in pages:
-        if any(at >= len(page.data) for at in (*page.numbers(SUB_DIRECTORIES), page.next_offset)):
-            raise UserError(
-                f"{path}: is a RAW file that is cut: the description of a picture lies beyond its "
-                f"{len(page.data)} bytes. Copy it from the camera again."
-            )
 
 
 def _require_mosaic(path: Path, page: Directory) -> None:
