@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -180,16 +179,9 @@ class SensorTable(FileModel):
             model=self.model,
             clip_level=self.clip_level_dn,
             crosstalk=self.crosstalk_percent / 100,
-            dust=specks_in_metres(self.dust),
+            dust=tuple((y * 1e-6, x * 1e-6, size * 1e-6) for y, x, size in self.dust),
             dust_distance=self.dust_distance_um * 1e-6,
         )
-
-
-def specks_in_metres(
-    dust: Sequence[tuple[float, float, float]],
-) -> tuple[tuple[float, float, float], ...]:
-    """Convert specks of dust, each (y, x, diameter), from micrometres to metres."""
-    return tuple((y * 1e-6, x * 1e-6, diameter * 1e-6) for y, x, diameter in dust)
 
 
 class SensorFile(SensorTable):

@@ -139,7 +139,6 @@ def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
         encoding=stated.encoding,
         encoding_source=stated.source,
         encoding_refusal=stated.refusal,
-        pages=1,
         orientation=_orientation(data, header, exif),
         exif=exif,
         is_lossy=header.is_lossy is not False,

@@ -130,7 +130,9 @@ def _jpeg_xl(data: bytes) -> Header | None:
     return Header("JPEG XL", found.width, found.height, found.bits, None)
 
 
-_pair = struct.unpack_from
+def _sized(kind: str, form: str, at: int) -> Callable[[bytes], Header]:
+    """Return what reads nothing but a size, which stands at a place of the file."""
+    return lambda data: Header(kind, *struct.unpack_from(form, data, at))
 
 
 def _begins(*starts: bytes) -> Callable[[bytes], bool]:
@@ -142,15 +144,12 @@ _READERS: tuple[tuple[Callable[[bytes], bool], Callable[[bytes], Header | None]]
     (_begins(b"\xff\xd8\xff"), _jpeg),
     (_begins(b"BM"), _bmp),
     (lambda data: data[:4] == b"RIFF" and data[8:12] == b"WEBP", _webp),
-    (
-        _begins(b"GIF87a", b"GIF89a"),
-        lambda data: Header("GIF", *struct.unpack_from("<HH", data, 6)),
-    ),
+    (_begins(b"GIF87a", b"GIF89a"), _sized("GIF", "<HH", 6)),
     (_begins(b"\0\0\0\x0cjP  \r\n\x87\n", b"\xff\x4f\xff\x51"), _jpeg_2000),
     (_begins(*JPEG_XL), _jpeg_xl),
     (lambda data: data[4:12] in (b"ftypavif", b"ftypavis"), _avif),
     (_begins(b"II\xbc\x01"), _jpeg_xr),
-    (_begins(b"qoif"), lambda data: Header("QOI", *_pair(">II", data, 4))),
-    (_begins(b"\x59\xa6\x6a\x95"), lambda data: Header("Sun raster", *_pair(">II", data, 4))),
+    (_begins(b"qoif"), _sized("QOI", ">II", 4)),
+    (_begins(b"\x59\xa6\x6a\x95"), _sized("Sun raster", ">II", 4)),
 )
 """How the files of each format begin, and what reads their header."""
