@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 def readable_path(path: Path | None) -> Path | None:
     """Return a path, or None; raise UserError if it can't be opened."""
-    from labapp.files.file_lookup import require_readable
+    from labapp.files.guarded_reading import require_regular
 
     if path is not None:
-        require_readable(path)
+        require_regular(path)
     return path
 
 

@@ -35,9 +35,19 @@ def read_npy(path: Path) -> NDArray[Any]:
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     """Read the arrays of an .npz by name; raise UserError if it is damaged or isn't one."""
     with open_regular(path) as file:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                _require_members(path, archive, file)
+                members = {one.filename: archive.read(one) for one in archive.infolist()}
+        except (
+            zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError, RuntimeError
+        ) as error:  # fmt: skip
+            raise UserError(
+                f"{path}: cannot be read as .npz: {error}. Give a file of numpy.savez."
+            ) from error
         return {
             name.removesuffix(".npy"): _parse_npy(path, data, f"{name}: ")
-            for name, data in _read_members(path, file).items()
+            for name, data in members.items()
         }
 
 
@@ -55,20 +65,6 @@ def require_plain_zip(path: Path) -> None:
                 raise UserError(f"{path}: is damaged: {error}. Get the original.") from error
 
 
-def _read_members(path: Path, file: BinaryIO) -> dict[str, bytes]:
-    """Return the expanded members of a ZIP archive of arrays, by name."""
-    try:
-        with zipfile.ZipFile(file) as archive:
-            _require_members(path, archive, file)
-            return {one.filename: archive.read(one) for one in archive.infolist()}
-    except (
-        zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError, RuntimeError
-    ) as error:  # fmt: skip
-        raise UserError(
-            f"{path}: cannot be read as .npz: {error}. Give a file of numpy.savez."
-        ) from error
-
-
 def _require_members(path: Path, archive: zipfile.ZipFile, file: BinaryIO) -> None:
     """Raise UserError if an archive's members are too many, or would grow too large."""
     members = archive.infolist()
@@ -84,10 +80,8 @@ def _parse_npy(path: Path, data: bytes, where: str) -> NDArray[Any]:
     """Parse the bytes of a .npy file, or of a member of an .npz."""
     stream = io.BytesIO(data)
     try:
-        read_header = {
-            (1, 0): npy.read_array_header_1_0,
-            (2, 0): npy.read_array_header_2_0,
-        }[npy.read_magic(stream)]
+        readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+        read_header = readers[npy.read_magic(stream)]
         shape, _, dtype = read_header(stream)
         if dtype.hasobject:
             raise ValueError("it holds Python objects, which labapp doesn't read")

@@ -33,10 +33,7 @@ class DeviceTable(FileModel):
 
     @property
     def is_exclusive(self) -> bool:
-        """Whether only one application at a time can open the device.
-
-        Simulated devices, and targets that a person changes by hand, can be shared.
-        """
+        """Whether one application at a time can open the device; others are simulated or manual."""
         return not self.is_simulated and self.driver != "manual-targets"
 
 
@@ -81,10 +78,7 @@ class BenchFile(CameraFile):
 
     @property
     def tells_clip_level(self) -> bool:
-        """Whether it is known where the camera's pixels clip: by description, or calibration.
-
-        A simulated camera's frames follow from its description.
-        """
+        """Whether description or calibration tell where pixels clip; simulated ones always do."""
         calibration = self.active_camera_calibration
         measured = calibration is not None and calibration.clip_number_dn is not None
         told = self.sensor.clip_level_dn is not None or measured

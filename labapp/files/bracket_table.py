@@ -16,20 +16,10 @@ Rates = tuple[Positive, Positive]
 class BracketTable(FileModel):
     """What a block of a plan wants of an exposure bracket whose exposures are chosen.
 
-    Attributes
-    ----------
-    snr_db : float
-        Signal-to-noise ratio of each merged pixel, 20 log10.
-    decades : float, optional
-        Depth of the range below the brightest pixels. By default the range is that of the scene.
-    electrons_per_s : (low, high), optional
-        The range itself, so that nothing is metered.
-    least : {"time", "frames"}
-        What is minimised.
-    most_frames : int
-        Frames of the bracket at most.
-    shortest_ms, longest_ms : float, optional
-        Exposures within those that the camera can take.
+    snr_db is the signal-to-noise ratio of each merged pixel, 20 log10. The range is `decades` below
+    the brightest pixels, or electrons_per_s, so that nothing is metered; by default it is that of
+    the scene. least is what is minimised, of at most most_frames; shortest_ms and longest_ms narrow
+    the exposures that the camera can take.
     """
 
     snr_db: Annotated[float, Field(ge=0, le=80)]

@@ -36,25 +36,14 @@ class DeviceIdentityTable(FileModel):
 class RegistrationTable(FileModel):
     """Registration of panel and sensor in a calibration file, with its uncertainty.
 
-    The sensor pixel (y, x) of a grating on the panel is
-    centre_px + matrix_px @ (cycles per panel pixel).
-
-    Attributes
-    ----------
-    covariance_px2 : (3, 3)
-        Covariance of one row of centre and matrix, pixels². It is the same for y and x.
-    uncertainty_px : float
-        Standard deviation of a registered position, in the corner of the frame where it is
-        largest.
-    residual_px : float
-        Root mean square distance of the measured spots from the fit.
-    shift_px : (y, x)
-        Common shift of all steered spots, before the phase response was known.
-    flip, rotation_deg, shear
-        The matrix as a mirror, followed by a shear and a rotation.
-    image_distance_mm : float
-        Element B of the ray matrix: the shift on the sensor for a unit slope at the panel. It is
-        the distance from lens to sensor if the panel stands at the lens.
+    The sensor pixel (y, x) of a grating on the panel is centre_px + matrix_px @ (cycles per panel
+    pixel). covariance_px2 is that of one row of centre and matrix, the same for y and x,
+    uncertainty_px the standard deviation of a registered position in the corner of the frame where
+    it is largest, and residual_px the root mean square distance of the measured spots from the fit.
+    shift_px [y, x] is common to all steered spots, before the phase response was known. flip,
+    rotation_deg and shear are the matrix as a mirror, followed by a shear and a rotation.
+    image_distance_mm is element B of the ray matrix, the shift on the sensor for a unit slope at
+    the panel: the distance from lens to sensor if the panel stands at the lens.
     """
 
     wavelength_nm: Nanometres
@@ -72,10 +61,7 @@ class RegistrationTable(FileModel):
     image_distance_mm: Positive
 
     def build(self) -> Registration:
-        """Return the registration, without the residuals of the spots.
-
-        Only the rms of the residuals is stored.
-        """
+        """Return the registration without the spots' residuals, whose rms alone is stored."""
         return Registration(
             self.wavelength_nm * 1e-9,
             self.centre_px,
@@ -90,22 +76,11 @@ class RegistrationTable(FileModel):
 class CurveTable(FileModel):
     """Phase response of one region of the panel in a calibration file.
 
-    Attributes
-    ----------
-    phase_rad : tuple of float
-        Phase of every grey level, less that of level 0.
-    sigma_rad : tuple of float
-        Standard deviation of every phase.
-    residual : float
-        Root mean square misfit of the measured light, as a share of its modulation.
-    chi2 : float
-        Mean squared misfit in units of the noise's variance.
-    blur_px : float
-        Blur of the phase by neighbouring pixels, panel pixels.
-    ripple : float
-        Ripple of the phase within a frame and the filter's band, as a share of the phase.
-    frames, outliers : int
-        Number of measured frames, and number of those that the fit left out.
+    phase_rad is the phase of every grey level, less that of level 0, and sigma_rad its standard
+    deviation. residual is the root mean square misfit of the measured light as a share of its
+    modulation, chi2 the mean squared one over the noise's variance. blur_px is that of the phase by
+    neighbouring panel pixels, ripple the change of the phase within a frame and the filter's band
+    as a share of it, and outliers are the frames that the fit left out.
     """
 
     phase_rad: Annotated[tuple[Finite, ...], Field(min_length=2)]
@@ -145,31 +120,17 @@ class MeasuredResponseTable(FileModel):
 
     @property
     def phases(self) -> Any:
-        """The phases of all regions, (rows, columns, levels), radians.
-
-        Rows and columns count the regions of the panel.
-        """
+        """The phases of the panel's regions, (rows, columns, levels), radians."""
         return np.array([curve.phase_rad for curve in self.curves]).reshape(*self.regions, -1)
 
 
 class WavefrontTable(FileModel):
     """Wavefront in a calibration file: optical path besides the pattern, as Zernike polynomials.
 
-    Attributes
-    ----------
-    terms : tuple of (n, m)
-        Indices of the Zernike polynomials, over a disc around the pupil.
-    path_nm, covariance_nm2
-        Optical path of each polynomial, root mean square over the disc, and their covariance.
-    radius_mm : float
-        Radius of the disc on the panel.
-    rms_nm, sigma_nm : float
-        Root mean square of the wavefront over the open pupil, without mean and tilt, and its
-        standard deviation.
-    focus_dioptres, focus_sigma_dioptres : float
-        Vergence error of the star, and its standard deviation.
-    residual, chi2 : float
-        Misfit of the measured light, as in CurveTable.
+    terms are their indices (n, m) over a disc around the pupil, of radius_mm on the panel, and
+    path_nm their optical paths, root mean square over the disc. rms_nm and sigma_nm are those of
+    the wavefront over the open pupil, without mean and tilt; focus_dioptres is the vergence error
+    of the star. residual and chi2 are as in CurveTable.
     """
 
     wavelength_nm: Nanometres

@@ -12,77 +12,87 @@ from pydantic import Field, model_validator
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile
 from labapp.files.camera_noise_file import CameraNoiseFile
-from labapp.files.field_aberrations_table import FieldAberrationsTable
-from labapp.files.ghost_table import GhostTable
+from labapp.files.lens_table import GhostTable, LensTable
 from labapp.files.panel_file import PanelTable, with_panel
-from labapp.files.polarisation_table import PolarisationTable
-from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
+from labapp.files.quantities import Amount, Finite, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.sensor_file import SensorTable, with_sensor
-from optics.camera import Camera, Lens, Sensor
+from optics.camera import Camera, Sensor
 from optics.camera.ghost import require_ghosts
-from optics.camera.stop import Circle, Stop, regular_polygon
-from optics.slm import Panel
+from optics.polarisation import BeamSplitter, PolarisedPath, Polariser, SourcePolarisation
 
 
-class LensTable(FileModel):
-    """The lens and its stop in a camera file.
+class PolarisedLightTable(FileModel):
+    """Polarisation of the object's light; degree is that of linear polarisation, 0 by default."""
 
-    The defaults switch a feature off; optics.camera.Lens describes all of them. separation_mm is
-    the distance from the panel to the lens. blades is the number of straight blades of the stop,
-    0 for a round stop. obscuration is the radius of a central disc that hides the stop, in stop
-    radii. aberrations are Zernike polynomials [n, m, nm of optical path, root mean square].
-    relative_illumination is a data sheet's curve, pairs [mm of image height, share of the light on
-    the axis] from [0, 1] to the sensor's corner; without it, the light falls with cos⁴. distortion
-    is Brown's [k1, k2] for image heights over the image distance, as OpenCV calibrates them.
-    axial_colour is a curve of pairs [nm, µm by which the image of that wavelength lies farther from
-    the lens than the sensor], and lateral_colour one of [nm, percent by which it is larger].
-    field_aberrations is a table of those that grow with the image height.
+    degree: Share = 0.0
+    angle_deg: Finite = 0.0
+
+    def build(self) -> SourcePolarisation:
+        return SourcePolarisation(self.degree, math.radians(self.angle_deg))
+
+
+class PolariserTable(FileModel):
+    """A polariser in the path to or from the panel.
+
+    angle_deg is measured from the panel's modulated axis. extinction is the power along the
+    polariser's axis over the power across it, for example 1000 for 1000:1; inf is ideal.
+    transmission is that along the axis.
     """
 
-    focal_length_mm: Positive
-    f_number: Positive
-    focus_distance_m: Annotated[float, Field(gt=0)]
-    separation_mm: Amount = 0.0
-    kind: Literal["thin", "stigmatic"] = "thin"
-    blades: Annotated[int, Field(ge=0, le=1000)] = 0
-    obscuration: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    aberrations: tuple[tuple[int, int, Finite], ...] = ()
-    relative_illumination: tuple[tuple[Amount, Finite], ...] = ()
-    distortion: tuple[Finite, Finite] = (0.0, 0.0)
-    axial_colour: tuple[tuple[Nanometres, Finite], ...] = ()
-    field_aberrations: FieldAberrationsTable | None = None
-    lateral_colour: tuple[tuple[Nanometres, Finite], ...] = ()
+    angle_deg: Finite = 0.0
+    extinction: Annotated[float, Field(ge=1)] = math.inf
+    transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
+
+    def build(self) -> Polariser:
+        return Polariser(math.radians(self.angle_deg), self.extinction, self.transmission)
+
+
+class SplitterTable(FileModel):
+    """A beam splitter cube, which light passes on its way to the panel and back.
+
+    transmitted and reflected are shares of p and s light. angle_deg is the angle from the panel's
+    modulated axis to the p direction. first says whether the light is transmitted or reflected on
+    its way to the panel.
+    """
+
+    transmitted: tuple[Share, Share] = (0.5, 0.5)
+    reflected: tuple[Share, Share] = (0.5, 0.5)
+    angle_deg: Finite = 0.0
+    first: Literal["transmitted", "reflected"] = "transmitted"
 
     @model_validator(mode="after")
-    def _validate_lens(self) -> LensTable:
-        if self.focus_distance_m * 1e3 <= self.focal_length_mm:
-            raise ValueError(
-                f"focus_distance_m must be more than the focal length, {self.focal_length_mm:g} mm"
-            )
-        if self.blades in (1, 2):
-            raise ValueError(
-                f"blades is {self.blades}; a stop has three or more, or 0 for a round one"
-            )
+    def _makes_no_light(self) -> SplitterTable:
         self.build()
         return self
 
-    def build(self) -> Lens:
-        """Return the lens in SI units."""
-        opening = regular_polygon(self.blades) if self.blades else Circle()
-        obscured = (Circle(self.obscuration),) if self.obscuration else ()
-        return Lens(
-            self.focal_length_mm * 1e-3,
-            self.f_number,
-            self.focus_distance_m,
-            Stop(opening, obscured),
-            tuple((n, m, nanometres * 1e-9) for n, m, nanometres in self.aberrations),
-            self.kind,
-            tuple((height * 1e-3, share) for height, share in self.relative_illumination),
-            self.distortion,
-            tuple((one * 1e-9, shift * 1e-6) for one, shift in self.axial_colour),
-            self.field_aberrations.build() if self.field_aberrations else None,
-            tuple((one * 1e-9, change * 1e-2) for one, change in self.lateral_colour),
+    def build(self) -> BeamSplitter:
+        return BeamSplitter(self.transmitted, self.reflected, math.radians(self.angle_deg))
+
+
+class PolarisationTable(FileModel):
+    """The polarising elements of a camera in the order of the light; elements left out are absent.
+
+    The panel's unmodulated share and a part of the camera's transmission follow from them.
+    """
+
+    light: PolarisedLightTable = PolarisedLightTable()
+    polariser: PolariserTable | None = None
+    splitter: SplitterTable | None = None
+    analyser: PolariserTable | None = None
+
+    @model_validator(mode="after")
+    def _passes_light(self) -> PolarisationTable:
+        self.build().effect()
+        return self
+
+    def build(self) -> PolarisedPath:
+        return PolarisedPath(
+            self.light.build(),
+            self.polariser.build() if self.polariser else None,
+            self.splitter.build() if self.splitter else None,
+            self.analyser.build() if self.analyser else None,
+            self.splitter.first if self.splitter else "transmitted",
         )
 
 
@@ -134,13 +144,9 @@ class CameraFile(FileModel):
         return self
 
     @model_validator(mode="after")
-    def _require_light_for_ghosts(self) -> Self:
+    def _fits_together(self) -> Self:
+        """Check that the ghosts leave light, and the lens' data reach as far as the sensor."""
         require_ghosts([one.build() for one in self.ghosts])
-        return self
-
-    @model_validator(mode="after")
-    def _require_lens_for_sensor(self) -> Self:
-        """Check that the lens' data reach as far as the sensor."""
         table = self.sensor
         sensor = Sensor((table.height, table.width), table.pitch)
         Camera(lens=self.lens.build(), sensor=sensor, focus_drift=self.focus_drift_um * 1e-6)
@@ -148,30 +154,23 @@ class CameraFile(FileModel):
 
     @property
     def active_calibration(self) -> CalibrationFile | None:
-        """The bench's calibration, given or named; None if there is none.
-
-        A calibration that is only named is read; UserError if it can't be.
-        """
+        """The bench's calibration, given or read from the file named; None if there is none."""
         if isinstance(self.calibration, str):
             return read_file(Path(self.calibration), CalibrationFile)
         return self.calibration
 
     @property
     def active_camera_calibration(self) -> CameraNoiseFile | None:
-        """The calibration of the camera's noise, given or named; None if there is none.
-
-        A calibration that is only named is read; UserError if it can't be.
-        """
+        """The camera noise's calibration, given or read; None if there is none."""
         if isinstance(self.camera_calibration, str):
             return read_file(Path(self.camera_calibration), CameraNoiseFile)
         return self.camera_calibration
 
     @property
     def interference(self) -> float | None:
-        """Strength of the interference of modulated and unmodulated light.
+        """Strength of the interference of modulated and unmodulated light; None if it isn't known.
 
-        None without a description of the polarisation. The sum of their irradiances leaves this
-        interference out; see optics.polarisation.PathEffect.
+        The sum of their irradiances leaves it out; see optics.polarisation.PathEffect.
         """
         if self.polarisation is None:
             return None
@@ -186,7 +185,16 @@ class CameraFile(FileModel):
 
         Raises UserError if a calibration is of another panel or sensor.
         """
-        described = self._apply_camera_calibration(self._build_nominal_camera())
+        described, noise = self._build_nominal_camera(), self.active_camera_calibration
+        if noise is not None:
+            try:
+                described = replace(described, sensor=noise.apply_to(described.sensor))
+            except ValueError as error:
+                raise UserError(
+                    f"the camera calibration of {noise.date:%Y-%m-%d} is not of this sensor: "
+                    f"{error}. Calibrate it with labapp calibrate --camera, or remove the key "
+                    "'camera_calibration' from the bench file."
+                ) from error
         calibration = self.active_calibration
         if calibration is None:
             return described
@@ -198,22 +206,12 @@ class CameraFile(FileModel):
                 "Calibrate this bench, or remove the key 'calibration' from its file."
             ) from error
 
-    def _apply_camera_calibration(self, camera: Camera) -> Camera:
-        """Return the camera with the sensor as its calibration measured it."""
-        calibration = self.active_camera_calibration
-        if calibration is None:
-            return camera
-        try:
-            return replace(camera, sensor=calibration.apply_to(camera.sensor))
-        except ValueError as error:
-            raise UserError(
-                f"the camera calibration of {calibration.date:%Y-%m-%d} is not of this sensor: "
-                f"{error}. Calibrate it with labapp calibrate --camera, or remove the key "
-                "'camera_calibration' from the bench file."
-            ) from error
-
     def _build_nominal_camera(self) -> Camera:
-        panel, transmission = self._apply_polarisation(self.panel.build())
+        panel, transmission = self.panel.build(), self.transmission
+        if self.polarisation is not None:
+            effect = self.polarisation.build().effect()
+            panel = replace(panel, unmodulated=float(effect.unmodulated))
+            transmission *= float(effect.transmission)
         separation = self.lens.separation_mm * 1e-3
         lens, sensor = self.lens.build(), self.sensor.build()
         return Camera(
@@ -229,17 +227,6 @@ class CameraFile(FileModel):
             focus_drift=self.focus_drift_um * 1e-6,
             focus_drift_time=self.focus_drift_s,
         )
-
-    def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
-        """Return the panel with the unmodulated share that follows from the polarisation.
-
-        The second value is the camera's transmission, which includes the polarisation's.
-        """
-        if self.polarisation is None:
-            return panel, self.transmission
-        effect = self.polarisation.build().effect()
-        passed = self.transmission * float(effect.transmission)
-        return replace(panel, unmodulated=float(effect.unmodulated)), passed
 
 
 C = TypeVar("C", bound=CameraFile)

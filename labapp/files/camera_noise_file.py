@@ -29,10 +29,7 @@ class QuantityTable(FileModel):
 
 
 class CurvePointTable(FileModel):
-    """A point of a camera's photon transfer curve: all pixels at one exposure time.
-
-    signal_dn: mean less that of darkness. variance_dn2: temporal, less that of darkness.
-    """
+    """A point of a photon transfer curve: mean and temporal variance, less those of darkness."""
 
     exposure_ms: Positive
     signal_dn: Finite
@@ -71,31 +68,17 @@ class CameraNoiseFile(FileModel):
     described it, so that a later change can be noticed. wavelength_nm is that of the light, and
     exposures_ms its shortest and longest exposure time.
 
-    Attributes
-    ----------
-    gain_electrons_per_dn, system_gain_dn_per_electron
-        Conversion gain 1/K and overall system gain K.
-    read_noise_electrons, read_noise_is_limit, dark_noise_dn
-        Temporal dark noise without dark current and rounding; whether it is only known to be less;
-        and as the numbers show it.
-    black_level_dn, dark_current_electrons_per_s
-        Mean number without light and exposure; electrons without light.
-    full_well_electrons, clip_number_dn, clip_limit
-        Where pixels clip, and what ends there; None if no exposure was saturated.
-    saturation_capacity_electrons
-        Where the variance is largest.
-    sensitivity_threshold_electrons, dynamic_range_db, snr_max_db
-        Signal that equals its noise; 20 log10 of saturation capacity over it, and of the largest
-        ratio of signal to noise.
-    linearity_error_percent, lamp_drift_percent
-        Mean deviation from a line; the light's change over the run, if the order tells it.
-    prnu_percent, dsnu_electrons
-        PRNU1288 and DSNU1288, without defective pixels.
-    reduced_chi2, degrees_of_freedom
-        Misfit of the photon transfer curve.
-    light_unevenness_percent, lamp_jump_percent
-        Light of the brightest area over that of the dimmest, less 100; largest change of the light
-        within a pair.
+    The gains are 1/K and the overall system gain K. read_noise_electrons is the temporal dark noise
+    without dark current and rounding, read_noise_is_limit whether it is only known to be less, and
+    dark_noise_dn as the numbers show it. full_well_electrons, clip_number_dn and clip_limit say
+    where pixels clip, and what ends there; None if no exposure was saturated.
+    saturation_capacity_electrons is where the variance is largest, sensitivity_threshold_electrons
+    the signal that equals its noise; dynamic_range_db is 20 log10 of their ratio, and snr_max_db of
+    the largest ratio of signal to noise. linearity_error_percent is the mean deviation from a line,
+    lamp_drift_percent the light's change over the run, if the order tells it, and lamp_jump_percent
+    the largest within a pair. prnu_percent and dsnu_electrons leave defective pixels out.
+    reduced_chi2 is of the photon transfer curve. light_unevenness_percent is the light of the
+    brightest area over that of the dimmest, less 100.
     """
 
     version: Literal[1]
@@ -140,7 +123,16 @@ class CameraNoiseFile(FileModel):
 
         Raises ValueError if the calibration is of a sensor of other size or bits.
         """
-        self._require_same(sensor)
+        shape = self.sensor.get("height"), self.sensor.get("width")
+        if shape != sensor.shape:
+            raise ValueError(
+                f"it is of {shape[1]} x {shape[0]} pixels, and the sensor has {sensor.shape[1]} x "
+                f"{sensor.shape[0]}"
+            )
+        if self.sensor.get("bits") != sensor.bits:
+            raise ValueError(
+                f"it is of {self.sensor.get('bits')} bits, and the sensor has {sensor.bits}"
+            )
         gain, black = self.gain_electrons_per_dn.value, max(self.black_level_dn.value, 0.0)
         noise = self.read_noise_electrons.value
         changes: dict[str, Any] = {
@@ -154,24 +146,8 @@ class CameraNoiseFile(FileModel):
             changes["prnu"] = self.prnu_percent.value / 100
         return replace(sensor, **changes, full_well=self._full_well(sensor, gain, black, noise))
 
-    def _require_same(self, sensor: Sensor) -> None:
-        """Raise ValueError unless the sensor has the size and bits of the calibrated one."""
-        shape = self.sensor.get("height"), self.sensor.get("width")
-        if shape != sensor.shape:
-            raise ValueError(
-                f"it is of {shape[1]} x {shape[0]} pixels, and the sensor has {sensor.shape[1]} x "
-                f"{sensor.shape[0]}"
-            )
-        if self.sensor.get("bits") != sensor.bits:
-            raise ValueError(
-                f"it is of {self.sensor.get('bits')} bits, and the sensor has {sensor.bits}"
-            )
-
     def _full_well(self, sensor: Sensor, gain: float, black: float, noise: float) -> float:
-        """Return the full well, electrons, with which the full scale is what was measured.
-
-        gain: electrons per number. black: black level, number. noise: read noise, electrons.
-        """
+        """Return the full well, electrons, with which the full scale is what was measured."""
         if self.full_well_electrons is None:
             # The number at which pixels clip stays as it was described.
             return sensor.full_well * gain / sensor.gain

@@ -38,8 +38,7 @@ from numpy.typing import NDArray
 
 import labapp
 from labapp.common.errors import UserError
-from labapp.files import nexus
-from labapp.files.hdf5_output import create_hdf5
+from labapp.files.hdf5_output import create_group, create_hdf5, program_versions
 from labapp.files.plain_data import parse_json
 from labapp.files.plain_hdf5 import open_plain_hdf5
 from labapp.files.reading import bundled_path
@@ -126,7 +125,12 @@ def read_design(path: Path) -> DesignContents:
     """Read a whole design; raise UserError if the file is of another kind or damaged."""
     with _open_design(path) as file:
         entry = file["entry"]
-        pattern = entry["pattern"]
+        pattern, decoder = entry["pattern"], None
+        quality = {name: value[()] for name, value in entry.get("quality", {}).items()}
+        if "decoder" in entry:
+            stored = entry["decoder/weights"].items()
+            weights = {name: np.asarray(value[()]) for name, value in stored}
+            decoder = DecoderContents(_json(file, path, "entry/decoder/settings"), weights)
         return DesignContents(
             title=_text(file, "entry/title"),
             settings=_json(file, path, "entry/settings"),
@@ -140,9 +144,10 @@ def read_design(path: Path) -> DesignContents:
             psf=_read_grid(entry["psf"], "predicted"),
             target=_read_grid(entry["target"], "image") if "target" in entry else None,
             quality={
-                name: _decode_value(value[()]) for name, value in entry.get("quality", {}).items()
+                name: value.decode() if isinstance(value, bytes) else value.tolist()
+                for name, value in quality.items()
             },
-            decoder=_read_decoder(file, path) if "decoder" in entry else None,
+            decoder=decoder,
         )
 
 
@@ -157,19 +162,8 @@ def _open_design(path: Path) -> Iterator[h5py.File]:
         yield file
 
 
-def _read_decoder(file: h5py.File, path: Path) -> DecoderContents:
-    stored = file["entry/decoder/weights"].items()
-    weights = {name: np.asarray(value[()]) for name, value in stored}
-    return DecoderContents(_json(file, path, "entry/decoder/settings"), weights)
-
-
 def _read_grid(group: h5py.Group, signal: str) -> Grid:
     return Grid(group[signal][()], group["y"][()], group["x"][()])
-
-
-def _decode_value(value: Any) -> Any:
-    """Return an HDF5 value as Python text, number or list."""
-    return value.decode() if isinstance(value, bytes) else value.tolist()
 
 
 def _text(file: h5py.File, name: str) -> str:
@@ -187,7 +181,7 @@ def _json(file: h5py.File, path: Path, name: str) -> dict[str, Any]:
 def _write_contents(file: h5py.File, contents: DesignContents) -> None:
     file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "labapp"})
     file.attrs["creator_version"] = labapp.__version__
-    entry = nexus.create_group(file, "entry", "NXentry")
+    entry = create_group(file, "entry", "NXentry")
     entry.attrs["default"] = "psf"
     texts = {
         "title": contents.title,
@@ -195,12 +189,12 @@ def _write_contents(file: h5py.File, contents: DesignContents) -> None:
         "start_time": datetime.now(UTC).isoformat(timespec="seconds"),
         "settings": json.dumps(contents.settings),
         "bench": json.dumps(contents.bench),
-        "versions": json.dumps(nexus.program_versions()),
+        "versions": json.dumps(program_versions()),
     }
     for name, text in texts.items():
         entry[name] = np.bytes_(text.encode())
     _number(entry, "wavelength", contents.wavelength, "m")
-    pattern = nexus.create_group(entry, "pattern", "NXcollection")
+    pattern = create_group(entry, "pattern", "NXcollection")
     # Chunks of one frame let frames be read one by one. Phases aren't compressed, because that
     # hardly makes them smaller.
     one = (1, *contents.grey.shape[1:])
@@ -217,23 +211,19 @@ def _write_contents(file: h5py.File, contents: DesignContents) -> None:
     if contents.target is not None:
         _grid(entry, "target", "image", contents.target)
     if contents.quality:
-        quality = nexus.create_group(entry, "quality", "NXcollection")
+        quality = create_group(entry, "quality", "NXcollection")
         for name, value in contents.quality.items():
             quality[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
     if contents.decoder is not None:
-        _write_decoder(entry, contents.decoder)
-
-
-def _write_decoder(entry: h5py.Group, decoder: DecoderContents) -> None:
-    group = nexus.create_group(entry, "decoder", "NXcollection")
-    group["settings"] = np.bytes_(json.dumps(decoder.settings).encode())
-    weights = nexus.create_group(group, "weights", "NXcollection")
-    for name, value in decoder.weights.items():
-        weights[name] = value
+        group = create_group(entry, "decoder", "NXcollection")
+        group["settings"] = np.bytes_(json.dumps(contents.decoder.settings).encode())
+        weights = create_group(group, "weights", "NXcollection")
+        for name, value in contents.decoder.weights.items():
+            weights[name] = value
 
 
 def _grid(entry: h5py.Group, name: str, signal: str, grid: Grid) -> None:
-    data = nexus.create_group(entry, name, "NXdata")
+    data = create_group(entry, name, "NXdata")
     axes = ["moment", "y", "x"][3 - grid.images.ndim :]
     data.attrs.update({"signal": signal, "axes": axes})
     data[signal] = grid.images

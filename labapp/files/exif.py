@@ -107,10 +107,11 @@ def _interpret(tags: _Tags) -> Exif:
     """Return what the tags of a picture say."""
     orientation = tags.number(_ORIENTATION)
     space = tags.number(_COLOUR_SPACE)
+    stated = (tags.positive(tag) for tag in _SENSITIVITIES)
     return Exif(
         tags.positive(_EXPOSURE_TIME) or _power_of_two(tags, _SHUTTER_SPEED, -1.0),
         tags.positive(_F_NUMBER) or _power_of_two(tags, _APERTURE, 0.5),
-        _sensitivity(tags),
+        next((one for one in stated if one and one != _SENSITIVITY_ELSEWHERE), None),
         tags.number(_BIAS),
         int(orientation) if orientation is not None and orientation in range(1, 9) else None,
         None if space is None else int(space),
@@ -127,12 +128,6 @@ def _power_of_two(tags: _Tags, tag: int, factor: float) -> float | None:
     """
     value = tags.number(tag)
     return None if value is None or abs(value) > _MOST_APEX else 2.0 ** (factor * value)
-
-
-def _sensitivity(tags: _Tags) -> float | None:
-    """Return the sensitivity from the first tag that states one."""
-    stated = (tags.positive(tag) for tag in _SENSITIVITIES)
-    return next((one for one in stated if one and one != _SENSITIVITY_ELSEWHERE), None)
 
 
 def _time_taken(tags: _Tags) -> datetime | None:

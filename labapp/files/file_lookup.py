@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from labapp.common.errors import UserError
 from labapp.files.guarded_reading import is_file, require_regular
@@ -20,25 +21,18 @@ def bundled_scenes() -> dict[str, Path]:
 
 
 def find_plan(name: Path | str) -> Path:
-    """Return the path of a plan, given its path or the name of a bundled one.
-
-    Raises UserError, which lists the bundled names.
-    """
+    """Return the path of a plan, given its path or a bundled name; UserError lists these."""
     return _find_file(name, "plan", bundled_plans())
 
 
 def find_scene(name: Path | str) -> Path:
-    """Return the path of a scene, given its path or the name of a bundled one.
-
-    Raises UserError, which lists the bundled names.
-    """
+    """Return the path of a scene, given its path or a bundled name; UserError lists these."""
     return _find_file(name, "scene", bundled_scenes())
 
 
 def find_part_file(kind: str, file: str, folder: Path) -> Path:
-    """Return the path of a panel or sensor, given a bundled name or a path in `folder`.
+    """Return the path of a "panel" or "sensor", given a bundled name or a path in `folder`.
 
-    kind: "panel" or "sensor".
     Raises UserError, which lists the bundled names.
     """
     ready = _bundled_files(f"{kind}s")
@@ -51,9 +45,19 @@ def find_part_file(kind: str, file: str, folder: Path) -> Path:
     return path
 
 
-def bundled_parts(kind: str) -> list[str]:
-    """Return the names of the panels or sensors that come with the application."""
-    return list(_bundled_files(f"{kind}s"))
+def split_part(data: dict[str, Any], kind: str, source: str) -> tuple[str, dict[str, Any]] | None:
+    """Return the file that a bench's plain data names for a part, and the keys beside it, if any.
+
+    kind: "panel" or "sensor".
+    source: name of the bench file in the UserError for a name that is no text.
+    """
+    part = data.get(kind)
+    if not isinstance(part, dict) or "file" not in part:
+        return None
+    file, own = part["file"], {key: value for key, value in part.items() if key != "file"}
+    if not isinstance(file, str):
+        raise UserError(f"{source}: key '{kind}.file' is {file!r}: it should be a string.")
+    return file, own
 
 
 def require_file(path: Path) -> None:
@@ -61,11 +65,6 @@ def require_file(path: Path) -> None:
     if not is_file(path):
         # This tells what the path leads to instead.
         require_regular(path)
-
-
-def require_readable(path: Path) -> None:
-    """Raise UserError if a path doesn't lead to a regular file, or it can't be read."""
-    require_regular(path)
 
 
 def _bundled_files(folder: str) -> dict[str, Path]:

@@ -13,9 +13,8 @@ _PART = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
 
 def read_frame_list(text: str, frames: int) -> list[int]:
-    """Parse a list of frame indices, such as "0-9,12"; the result is sorted, each index once.
+    """Parse a list of frame indices below `frames`, such as "0-9,12"; sorted, each index once.
 
-    frames: number of frames of the record.
     Raises UserError if the text isn't such a list, or names a frame beyond the last one.
     """
     found: set[int] = set()
@@ -33,10 +32,7 @@ def read_frame_list(text: str, frames: int) -> list[int]:
 
 
 def format_frame_list(frames: Iterable[int]) -> str:
-    """Format frame indices as in "0-9, 12".
-
-    After 12 ranges, only the number of the other frames is given.
-    """
+    """Format frame indices as in "0-9, 12"; after 12 ranges, others are only counted."""
     listed = np.unique(np.fromiter(frames, np.int64))
     begins = np.flatnonzero(np.diff(listed, prepend=-2) != 1)
     ends = np.append(begins[1:], len(listed))

@@ -124,9 +124,8 @@ class ImagePattern(GreyPattern):
 
 
 def read_grey_pattern(path: Path, panel: Panel, channel: str | None = None) -> NDArray[np.uint8]:
-    """Read a picture as grey levels, (rows, columns).
+    """Read a picture, or a channel of one in colour, as grey levels, (rows, columns).
 
-    channel: the one to take of a picture in colour.
     Raises UserError if the panel can't show them.
     """
     from labapp.files.picture.grey_picture import read_grey_picture

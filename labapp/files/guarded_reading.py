@@ -83,10 +83,7 @@ def open_regular(path: Path, most: int = MOST_BYTES) -> Iterator[BufferedReader]
 
 
 def require_regular(path: Path, most: int = MOST_BYTES) -> None:
-    """Raise UserError unless a path leads to a regular file that can be read.
-
-    It is meant for libraries that open the file themselves.
-    """
+    """Raise UserError unless a path leads to a regular file that can be read."""
     with open_regular(path, most):
         pass
 
@@ -110,11 +107,9 @@ def require_memory(
 ) -> None:
     """Raise UserError if stored data stand for much more than is stored, or than there is memory.
 
-    stored: bytes of the data in the file.
-    whole: bytes that the data take in memory when they are expanded.
-    what: the data in words, for the message.
-    pixels: number of pixels, of a picture. A dark one may be stored in next to nothing, and is
-    refused only if no sensor has so many; other data, where they grow without measure.
+    stored, whole: bytes of the data in the file, and in memory when they are expanded.
+    pixels: of a picture. A dark one may be stored in next to nothing, and is refused only if no
+    sensor has so many; other data, where they grow without measure.
     """
     is_large = whole > _FREE_ARRAYS if pixels is None else pixels > MOST_PIXELS
     if is_large and whole > MOST_EXPANSION * stored:
@@ -123,11 +118,7 @@ def require_memory(
 
 
 def require_free_memory(path: Path, whole: int, what: str = "its contents") -> None:
-    """Raise UserError if data would take more memory than there is.
-
-    whole: bytes of the data in memory.
-    what: the data in words.
-    """
+    """Raise UserError if `whole` bytes of data would take more memory than there is."""
     # Nobody asks about a few megabytes: finding out costs more than it saves.
     if whole <= _ALWAYS_FREE:
         return

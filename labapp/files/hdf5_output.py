@@ -1,18 +1,39 @@
-"""New HDF5 files, written through Python, so that no write that the disk refuses goes unnoticed.
+"""New HDF5 files of NeXus groups, written so that no write that the disk refuses goes unnoticed.
 
-HDF5's own files may swallow a write that fails while it flushes its caches, and later crash on what
-they kept.
+They are written through Python: HDF5's own files may swallow a write that fails while it flushes
+its caches, and later crash on what they kept.
 """
 
 from __future__ import annotations
 
 import io
 import os
+import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from typing import Any
 
 import h5py
+
+import labapp
+from labapp.common.program_version import source_commit
+
+_PACKAGES = ("numpy", "scipy", "torch", "h5py")
+
+
+def create_group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
+    """Create a group of a NeXus class."""
+    made = parent.create_group(name)
+    made.attrs["NX_class"] = kind
+    return made
+
+
+def program_versions() -> dict[str, str]:
+    """Return labapp's version and commit, and the versions of what computed results depend on."""
+    found = {name: version(name) for name in _PACKAGES}
+    own = {"labapp": labapp.__version__, "commit": source_commit() or "unknown"}
+    return {**own, "python": platform.python_version(), **found}
 
 
 def write_all(handle: int, data: memoryview, offset: int) -> None:
@@ -39,10 +60,7 @@ def create_hdf5(handle: int, **options: Any) -> Iterator[h5py.File]:
 
 
 class DraftFile(io.RawIOBase):
-    """An open file as h5py takes one.
-
-    error: what the disk has refused, if anything.
-    """
+    """An open file as h5py takes one; `error` is what the disk has refused, if anything."""
 
     def __init__(self, handle: int) -> None:
         self._handle, self._position = handle, 0

@@ -63,7 +63,10 @@ def _read_value(key: str, text: str, kind: Any) -> Any:
     """Return the value that is typed for a key: text, a number, or what TOML makes of it."""
     if kind is str:
         return text
-    value = _as_toml(text)
+    try:
+        value = parse_toml(f"value = {text}", "")["value"]
+    except UserError:
+        value = text
     kinds = _plain_types(kind)
     numeric = bool(kinds) and kinds <= {int, float}
     if value == math.inf or (
@@ -75,7 +78,11 @@ def _read_value(key: str, text: str, kind: Any) -> Any:
         return value
     unit = unit_of(key)
     try:
-        return parse_whole(text, unit) if kinds == {int} else _plain(parse_number(text, unit))
+        if kinds == {int}:
+            return parse_whole(text, unit)
+        number = parse_number(text, unit)
+        # As TOML would, whole ones as int.
+        return int(number) if number.is_integer() else number
     except ValueError as error:
         raise UserError(f"key {key!r}: {error}.") from error
 
@@ -87,18 +94,6 @@ def _plain_types(kind: Any) -> set[Any]:
     if get_origin(kind) in (Union, UnionType):
         return set().union(*(_plain_types(one) for one in get_args(kind)))
     return set() if kind is type(None) else {kind}
-
-
-def _plain(number: float) -> int | float:
-    """Return a typed number as TOML would: whole ones as int."""
-    return int(number) if number.is_integer() else number
-
-
-def _as_toml(text: str) -> Any:
-    try:
-        return parse_toml(f"value = {text}", "")["value"]
-    except UserError:
-        return text
 
 
 def _default(field: FieldInfo) -> str:
@@ -116,5 +111,5 @@ def _default(field: FieldInfo) -> str:
 
 def _describe_key(key: str, field: FieldInfo) -> str:
     told = [one.description for one in field.metadata if isinstance(one, Key)]
-    described, unit = field.description or "".join(told[-1:]), unit_of(key)
-    return f"{unit}, {described}" if unit else described
+    described = field.description or "".join(told[-1:])
+    return f"{unit}, {described}" if (unit := unit_of(key)) else described

@@ -28,11 +28,7 @@ Temperature = Annotated[float, Field(ge=1000, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp of a scene.
-
-    spectrum: relative, 1 at its visible peak; None is the same at all wavelengths.
-    waveform: the lamp's flicker; None if the light is steady.
-    """
+    """A lamp: relative spectrum, or None for even light, and its flicker, or None for steady."""
 
     spectrum: Spectrum | None
     waveform: Waveform | None = None

@@ -10,10 +10,15 @@ from pydantic import Field
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
-from labapp.files.column_headings import is_level, is_voltage, read_phase_heading
 from labapp.files.quantities import Nanometres
 from labapp.files.reading import FileModel, read_file
-from labapp.files.text_table import parse_numbers, table_lines
+from labapp.files.text_table import (
+    is_level,
+    is_voltage,
+    parse_numbers,
+    read_phase_heading,
+    table_lines,
+)
 from labapp.files.wavelengths import require_nanometres
 from optics.slm import Panel, PhaseResponse
 
@@ -61,7 +66,15 @@ def read_lut(path: Path, levels: int) -> LutTable:
         raise UserError(f"{path}: is empty. Give a line of grey levels and phases a level.")
     (number, head), *rest = lines
     wavelengths, units = _read_headings(path, number, head)
-    rows = [_parse_row(path, number, parts, len(head)) for number, parts in rest]
+    rows = []
+    for line, parts in rest:
+        values = parse_numbers(parts)
+        if values is None or len(values) != len(head):
+            raise UserError(
+                f"{path}: line {line} is {quote(' '.join(parts))}; it must hold {len(head)} finite "
+                "numbers, a grey level and its phases in units of pi."
+            )
+        rows.append(values)
     level, phases = np.array([r[0] for r in rows]), np.array([r[1:] for r in rows])
     if len(rows) < 2 or level[0] != 0 or level[-1] != levels - 1 or (np.diff(level) <= 0).any():
         raise UserError(
@@ -98,14 +111,3 @@ def _read_headings(path: Path, number: int, head: list[str]) -> tuple[list[float
     for nanometres, _ in found:
         require_nanometres(f"{path}: line {number}: a wavelength", nanometres)
     return [nanometres for nanometres, _ in found], [unit for _, unit in found]
-
-
-def _parse_row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
-    """Parse a line of text: a grey level and its phases in units of pi."""
-    values = parse_numbers(parts)
-    if values is None or len(values) != length:
-        raise UserError(
-            f"{path}: line {number} is {quote(' '.join(parts))}; it must hold {length} "
-            "finite numbers, a grey level and its phases in units of pi."
-        )
-    return values

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.files.number_file import read_numbers
-from labapp.files.picture_cache import cached_picture
+from labapp.files.picture.colour_picture import cached_picture
 from labapp.files.quantities import Finite, Nanometres, Positive
 from labapp.files.reflectance_table import reflectance_basis
 from labapp.files.scene_targets import (
@@ -26,9 +26,8 @@ from simulator.scene import Cube, Display, Relief, Target, display_primaries, di
 
 
 class CubeTable(PictureTargetTable):
-    """A multispectral picture in a scene: an array (rows, columns, bands).
+    """A multispectral picture in a scene: an array (rows, columns, bands) in .npy, .mat and others.
 
-    The array's file is .npy, .npz, .mat or .h5.
     variable is the array's name in a file of several. wavelengths_nm are those of the bands,
     rising, or the first and the last of evenly spaced bands. white is the file's value of a
     surface that reflects all light. tol is the relative error that is allowed when the spectra
@@ -47,21 +46,19 @@ class CubeTable(PictureTargetTable):
         if values.ndim != 3:
             raise UserError(f"{self.file}: is {values.shape}; give rows, columns and bands.")
         try:
+            # The wavelengths of all bands, or of the first and the last of them.
+            given = np.array(self.wavelengths_nm) / 1e9
+            if len(given) == 2 and values.shape[2] > 2:
+                given = np.linspace(given[0], given[1], values.shape[2])
             return Cube(
                 image=torch.from_numpy((values / self.white).astype(np.float32)),
-                wavelengths=self._wavelengths(values.shape[2]),
+                wavelengths=tuple(given.tolist()),
                 distance=self.distance_m,
                 tol=self.tol,
                 **self.picture_arguments(lamps),
             )
         except ValueError as error:
             raise UserError(f"{self.file}: {error}.") from error
-
-    def _wavelengths(self, bands: int) -> tuple[float, ...]:
-        given = np.array(self.wavelengths_nm) / 1e9
-        if len(given) == 2 and bands > 2:
-            given = np.linspace(given[0], given[1], bands)
-        return tuple(given.tolist())
 
 
 class ReliefTable(PictureTargetTable):

@@ -1,6 +1,7 @@
 """The paths of a command's output files, and whether they have known endings and may be written.
 
-Commands check their output paths before they load the slow modules that compute the results.
+Commands check their output paths before they load the slow modules that compute the results. What
+can't be written raises UserError.
 """
 
 from __future__ import annotations
@@ -11,8 +12,28 @@ from datetime import datetime
 from pathlib import Path
 
 from labapp.common.errors import UserError
-from labapp.files.cube_paths import cube_paths
 from labapp.files.writing import require_all_writable, require_free_names
+
+HDF5_ENDINGS = (".h5", ".hdf5")
+ENVI_ENDING = ".hdr"
+ENVI_DATA_ENDING = ".raw"
+
+
+def cube_paths(path: Path) -> tuple[Path, ...]:
+    """Return the paths that hold a cube: one of HDF5, or a header and the data of ENVI.
+
+    The ending, .h5, .hdf5 or .hdr, chooses the format; UserError for another.
+    """
+    ending = path.suffix.lower()
+    if ending in HDF5_ENDINGS:
+        return (path,)
+    if ending == ENVI_ENDING:
+        return path, path.with_suffix(ENVI_DATA_ENDING)
+    raise UserError(
+        f"{path}: the ending says the kind of a cube; name it .h5 (HDF5, with all that is known), "
+        "or .hdr (ENVI, with a .raw beside it)."
+    )
+
 
 RECORD = "run.h5"
 REPORT_FILES = ("report.png", "report.html")
@@ -61,10 +82,7 @@ def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> lis
 
 
 def accuracy_folder(folder: Path | None, *, force: bool) -> Path:
-    """Return the folder of the accuracy page; a dated one if none is named.
-
-    Raises UserError if the files can't be written there.
-    """
+    """Return the folder of the accuracy page; a dated one if none is named."""
     found = folder or Path(f"accuracy_{datetime.now():%Y-%m-%d_%H%M%S}")
     require_free_names(found, ACCURACY_FILES, force=force)
     parent = next(path for path in (found, *found.absolute().parents) if path.exists())
@@ -82,10 +100,7 @@ def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:
 
 
 def edof_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path]:
-    """Return the paths of a design for depth of field: design, pattern, and its picture.
-
-    Raises UserError for a name that isn't a design's, or files that exist.
-    """
+    """Return the paths of a design for depth of field: design, pattern, and its picture."""
     if not is_design(path):
         raise UserError(f"--out {path}: a design is written as .h5. Name such a file.")
     picture = path.with_name(f"{path.stem}_design.png")
@@ -95,10 +110,7 @@ def edof_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path]:
 
 
 def trained_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path, Path]:
-    """Return the paths of a trained pattern: design, pattern, picture, list of data.
-
-    Raises UserError for a name that isn't a design's, or files that exist.
-    """
+    """Return the paths of a trained pattern: design, pattern, picture, list of data."""
     if not is_design(path):
         raise UserError(f"--out {path}: pattern and decoder are written as .h5. Name such a file.")
     picture, listed = (f"{path.stem}_training.png", f"{path.stem}_data.json")
@@ -116,10 +128,7 @@ def beam_output_path(path: Path, *, force: bool) -> Path:
 
 
 def pattern_output_paths(path: Path, frames: int, *, force: bool) -> tuple[list[Path], Path]:
-    """Return the paths of a pattern's frames, and of its PSF's picture.
-
-    The frames are numbered pictures, or one design file.
-    """
+    """Return the paths of a pattern's frames, pictures or one design, and of its PSF's picture."""
     _require_one_of(path, _PATTERN_ENDINGS)
     files = [path]
     if frames > 1 and not is_design(path):

@@ -7,15 +7,63 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+import torch
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
-from labapp.files.file_lookup import find_part_file
+from labapp.files.file_lookup import find_part_file, split_part
 from labapp.files.lut_file import LutTable, read_lut
-from labapp.files.map_file import FlatnessTable, MapTable
-from labapp.files.quantities import Amount, NanometresText, Positive, Share
+from labapp.files.picture.grey_picture import read_grey_picture
+from labapp.files.quantities import Amount, Finite, NanometresText, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
-from optics.slm import Panel
+from optics.slm import Panel, PanelMap
+
+
+class MapTable(FileModel):
+    """A picture file that covers the panel: PNG, TIFF or .npy of any resolution.
+
+    Its values are used as they are in the file, not decoded from sRGB.
+    """
+
+    file: str
+
+    def with_absolute_path(self, folder: Path) -> MapTable:
+        """Return the table with the absolute path of its picture, relative to `folder`."""
+        return self.model_copy(update={"file": str(folder / self.file)})
+
+    def build(self) -> PanelMap:
+        """Read the panel's map from its picture; UserError if that can't be read or is no map."""
+        try:
+            return PanelMap(torch.from_numpy(self._values()))
+        except ValueError as error:
+            raise UserError(f"{self.file}: {error}.") from error
+
+    def _values(self) -> NDArray[np.float64]:
+        """Read the picture's numbers, without decoding them from sRGB."""
+        return read_grey_picture(Path(self.file), "a map of the panel").astype(np.float64)
+
+
+class FlatnessTable(MapTable):
+    """A picture of the panel's flatness: optical path that light gets besides the pattern.
+
+    nm_per_grey is the optical path for a step of 1 in the file's values. It is negative for a
+    vendor's correction picture, which is meant to be added to patterns. wrapped_nm is the path at
+    which the picture wraps around, which is the vendor's wavelength. The picture is unwrapped;
+    for that, neighbours must differ by less than half of wrapped_nm.
+    """
+
+    nm_per_grey: Finite
+    wrapped_nm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+    def _values(self) -> NDArray[np.float64]:
+        path = super()._values() * self.nm_per_grey * 1e-9
+        if self.wrapped_nm is not None and path.ndim == 2:
+            for axis in (0, 1):
+                path = np.unwrap(path, period=self.wrapped_nm * 1e-9, axis=axis)
+        return path
+
 
 Count = Annotated[int, Field(ge=1, le=100_000)]
 
@@ -139,12 +187,10 @@ def with_panel(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any
     Keys beside `file` override those of the panel file. A table `polarisation` overrides the
     panel file's unmodulated share. `source` is the name of the bench file in errors.
     """
-    panel = data.get("panel")
-    if not isinstance(panel, dict) or "file" not in panel:
+    found = split_part(data, "panel", source)
+    if found is None:
         return data
-    file, own = panel["file"], {key: value for key, value in panel.items() if key != "file"}
-    if not isinstance(file, str):
-        raise UserError(f"{source}: key 'panel.file' is {file!r}: it should be a string.")
+    file, own = found
     given = read_panel(file, folder).model_dump()
     if "lut" in own:
         given["response"] = None

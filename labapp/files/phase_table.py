@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from optics.camera import Camera
 
 Iterations = Annotated[int, Ge(1), Le(10_000)]
+OuterRadius = Annotated[
+    Positive | None, Key("on the panel; none: the stop's, or the panel's corners")
+]
 
 
 class PhasePattern(Table):
@@ -144,9 +147,7 @@ class LogarithmicPattern(FormulaPattern):
     kind: Literal["logarithmic"]
     near_m: Annotated[Positive, Key("in focus by the middle of the panel", "Near", 1.8, 0.1, 1000)]
     far_m: Annotated[Positive, Key("in focus at the radius", "Far", 2.2, 0.1, 1000)]
-    radius_mm: Annotated[
-        Positive | None, Key("on the panel; none: the stop's, or the panel's corners")
-    ] = None
+    radius_mm: OuterRadius = None
 
     def __post_init__(self) -> None:
         if not self.near_m < self.far_m:
@@ -156,7 +157,7 @@ class LogarithmicPattern(FormulaPattern):
         from optics import patterns
         from optics.camera.pupil import panel_to_focus_distance
 
-        radius = _metres(self.radius_mm) or illuminated_radius(camera)
+        radius = outer_radius(self.radius_mm, camera)
         distances = (self.near_m, self.far_m, panel_to_focus_distance(camera))
         return patterns.logarithmic_asphere(camera.panel, *distances, self.wavelength, radius)
 
@@ -283,7 +284,7 @@ class ZernikePattern(FormulaPattern):
         from optics import patterns
 
         terms = [(n, m, path * 1e-9) for n, m, path in self.terms]
-        radius = _metres(self.radius_mm) or illuminated_radius(camera)
+        radius = outer_radius(self.radius_mm, camera)
         return patterns.zernike_pattern(camera.panel, terms, radius, self.wavelength)
 
 
@@ -317,11 +318,15 @@ def _metres(millimetres: float | None) -> float | None:
     return None if millimetres is None else millimetres * 1e-3
 
 
-def illuminated_radius(camera: Camera) -> float:
-    """Return the default radius of round patterns, metres.
+def outer_radius(millimetres: float | None, camera: Camera) -> float:
+    """Return a round pattern's outer radius, metres; by default that of the light on the panel."""
+    return illuminated_radius(camera) if millimetres is None else millimetres * 1e-3
 
-    The default is the radius of the disc on the panel whose light passes the stop, or the distance
-    of the panel's corners if that is less.
+
+def illuminated_radius(camera: Camera) -> float:
+    """Return the radius in metres of the disc on the panel whose light passes the stop.
+
+    It is at most the distance of the panel's corners.
     """
     from optics.camera.pupil import with_stop_shadow_on_panel
 

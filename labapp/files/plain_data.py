@@ -88,9 +88,14 @@ def require_plain(data: Any, source: str) -> None:
     for _ in range(_MOST_LEVELS):
         inner = []
         for one in level:
-            for value in _members(one):
+            members = one if isinstance(one, list) else [one]
+            for value in [*one, *one.values()] if isinstance(one, dict) else members:
                 if isinstance(value, str):
-                    _require_text(value, source)
+                    if found := _NOT_TEXT.search(value):
+                        raise UserError(
+                            f"{source}: has a text with the character U+{ord(found[0]):04X}, which "
+                            "no file can hold. Remove it."
+                        )
                 elif isinstance(value, dict | list):
                     inner.append(value)
                 elif isinstance(value, int) and not -_MOST_INTEGER <= value < _MOST_INTEGER:
@@ -101,21 +106,6 @@ def require_plain(data: Any, source: str) -> None:
             return
         level = inner
     raise _too_deep(source)
-
-
-def _members(table: Any) -> Any:
-    """Return the keys and values of a table, or the values of a list."""
-    if isinstance(table, dict):
-        return [*table, *table.values()]
-    return table if isinstance(table, list) else [table]
-
-
-def _require_text(text: str, source: str) -> None:
-    if found := _NOT_TEXT.search(text):
-        raise UserError(
-            f"{source}: has a text with the character U+{ord(found[0]):04X}, which no file can "
-            "hold. Remove it."
-        )
 
 
 def _too_deep(source: str) -> UserError:

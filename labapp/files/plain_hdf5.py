@@ -32,14 +32,8 @@ _MOST_CHUNKS = 100_000
 """Chunks of a dataset, for each of which HDF5 keeps some hundred bytes. Chosen."""
 
 _FILTERS = frozenset(
-    {
-        h5py.h5z.FILTER_DEFLATE,
-        h5py.h5z.FILTER_SHUFFLE,
-        h5py.h5z.FILTER_FLETCHER32,
-        h5py.h5z.FILTER_NBIT,
-        h5py.h5z.FILTER_SCALEOFFSET,
-        h5py.h5z.FILTER_LZF,
-    }
+    getattr(h5py.h5z, f"FILTER_{name}")
+    for name in ("DEFLATE", "SHUFFLE", "FLETCHER32", "NBIT", "SCALEOFFSET", "LZF")
 )
 """Filters that h5py brings along; HDF5 looks for all others in folders of the system."""
 
@@ -53,15 +47,8 @@ _REMEDIES = {
 """What to do about errors of the system."""
 
 DAMAGE_ERRORS = (
-    KeyError,
-    OSError,
-    RuntimeError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    LookupError,
-    MemoryError,
-)
+    OSError, RuntimeError, ValueError, TypeError, AttributeError, LookupError, MemoryError,
+)  # fmt: skip
 """What h5py, and decoding what it read, raise for damaged files."""
 
 
@@ -102,8 +89,7 @@ def open_plain_hdf5(path: Path) -> Iterator[h5py.File]:
                 _require_plain(path, name, dataset)
             yield file
     except OSError as error:
-        told = explain_system_error(error)
-        told = told or f"cannot be read as HDF5: {error}. Get the original."
+        told = explain_system_error(error) or f"cannot be read as HDF5: {error}. Get the original."
         raise UserError(f"{path}: {told}") from error
     except DAMAGE_ERRORS as error:
         raise UserError(

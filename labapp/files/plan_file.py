@@ -87,32 +87,15 @@ class InterleavedFrames(FileModel):
 class Acquisition(FileModel):
     """One block of a plan: all combinations of the values of its axes.
 
-    Attributes
-    ----------
-    slots : tuple of int
-        Slots of a filter wheel, from 1, instead of wavelengths.
-    regions_px : tuple of regions
-        Parts of the camera's frames that are read, each x, y, width and height in pixels.
-    binnings : tuple of int
-        Pixels each way whose mean is one.
-    gains_db : tuple of float
-        Gains of the camera in decibels. Without a key, the camera stays as the bench opens it.
-    periods : tuple of int
-        Exposures as whole periods of the block's videos, instead of milliseconds.
-    bracket : BracketTable
-        A signal-to-noise ratio for which the exposures are chosen, instead of either.
-    chosen : ChosenTable
-        Why the exposures were chosen, in the plan of a record.
-    average : int
-        Frames whose mean is stored as one.
-    order : tuple of axis names
-        Order of the axes, the slowest first. Axes that are left out follow in their usual order.
-    together : tuple of groups of axis names
-        Axes of the same length that step together, instead of in all combinations.
-    any_exposure : bool
-        Whether an exposure may end within the period of a video, or of a lamp's flicker.
-    role : str
-        "light" for pictures of a target, else the kind of calibration frame.
+    slots are those of a filter wheel, from 1, instead of wavelengths. regions_px are the parts of
+    the camera's frames that are read, each x, y, width and height; binnings the pixels each way
+    whose mean is one; gains_db those of the camera. Without a key, the camera stays as the bench
+    opens it. Instead of milliseconds, exposures are `periods` of the block's videos, or chosen for
+    the ratio of a `bracket`; `chosen` says why, in the plan of a record. average is the number of
+    frames whose mean is stored as one. order names the axes, the slowest first, before the others
+    in their usual order; axes in a group of `together` have the same length and step together. With
+    any_exposure, an exposure may end within the period of a video, or of a lamp's flicker. role is
+    "light" for pictures of a target, else the kind of calibration frame.
     """
 
     targets: Names
@@ -266,7 +249,7 @@ class PlanFile(FileModel):
     reconstruct: Reconstruction | None = None
 
     @model_validator(mode="after")
-    def _names_exist(self) -> PlanFile:
+    def _fits_together(self) -> PlanFile:
         for block in self.acquire:
             for name in (*block.patterns, *(one.pattern for one in block.interleave)):
                 self._require_pattern("acquire", name)
@@ -275,29 +258,21 @@ class PlanFile(FileModel):
                 self._require_pattern(f"pattern {name!r}", frame)
                 if isinstance(self.patterns[frame], VideoPattern):
                     raise ValueError(f"pattern {name!r} has the video {frame!r} as a frame")
-        return self
-
-    @property
-    def has_brackets(self) -> bool:
-        """Whether exposures are still to be chosen."""
-        return any(block.bracket is not None for block in self.acquire)
-
-    @model_validator(mode="after")
-    def _frames_are_countable(self) -> PlanFile:
         count = sum(block.frame_limit() for block in self.acquire)
         if count > MOST_FRAMES:
             raise ValueError(
                 f"the plan has up to {count:,} frames, and a record at most {MOST_FRAMES:,}; split "
                 "the plan"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _periods_have_videos(self) -> PlanFile:
         for block in self.acquire:
             if block.periods is not None and not self.videos(block):
                 raise ValueError("a block with periods needs a pattern of kind 'video'")
         return self
+
+    @property
+    def has_brackets(self) -> bool:
+        """Whether exposures are still to be chosen."""
+        return any(block.bracket is not None for block in self.acquire)
 
     def videos(self, block: Acquisition) -> dict[str, VideoPattern]:
         """Return the videos among a block's patterns, by name."""

@@ -42,11 +42,14 @@ def bundled_path(name: str) -> Path:
     return Path(str(resources.files("labapp") / "data" / name))
 
 
-def read_text(path: Path, expected_content: str, most: int = MOST_TEXT_BYTES) -> str:
+def read_text(
+    path: Path, expected_content: str, most: int = MOST_TEXT_BYTES, *, any_encoding: bool = False
+) -> str:
     """Return text in UTF-8, UTF-16 or UTF-32; UserError if it isn't such text.
 
     `expected_content` is what the error asks the user to give instead, and `most` the bytes that
-    such a file has at most.
+    such a file has at most. With `any_encoding`, text may have one byte a letter, too; letters that
+    can't be told are text_encoding.UNTOLD.
     """
     from labapp.files.text_encoding import decode_byte_text, decode_text
 
@@ -54,24 +57,13 @@ def read_text(path: Path, expected_content: str, most: int = MOST_TEXT_BYTES) ->
     text = decode_text(data)
     if text is not None:
         return text
-    if decode_byte_text(data) is None:
+    text = decode_byte_text(data)
+    if text is None:
         raise UserError(f"{path}: is not a text file. Give {expected_content}.")
+    if any_encoding:
+        return text
     line = next(k for k, one in enumerate(data.splitlines(), 1) if not one.isascii())
     raise UserError(f"{path}: is text, but line {line} isn't in UTF-8. Save the file as UTF-8.")
-
-
-def read_byte_text(path: Path, expected_content: str) -> str:
-    """Return text as read_text does, or in an encoding of one byte a letter.
-
-    Letters that can't be told are text_encoding.UNTOLD.
-    """
-    from labapp.files.text_encoding import decode_byte_text, decode_text
-
-    data = read_bytes(path, MOST_TEXT_BYTES)
-    for decode in (decode_text, decode_byte_text):
-        if (text := decode(data)) is not None:
-            return text
-    raise UserError(f"{path}: is not a text file. Give {expected_content}.")
 
 
 def read_file(path: Path, model: type[M]) -> M:
@@ -106,22 +98,18 @@ def _adapter(model: Any) -> TypeAdapter[Any]:
 
 def format_validation_error(error: ValidationError, source: str) -> str:
     """Return the first two problems of a validation as text, one per line."""
-    problems = _innermost_problems(error)
-    lines = [f"{source}: {_format_problem(dict(p))}" for p in problems[:2]]
-    if len(problems) > 2:
-        lines[-1] += f" (and {len(problems) - 2} more)"
-    return "\n".join(lines)
-
-
-def _innermost_problems(error: ValidationError) -> list[Any]:
-    """Return the problems, without tables that have a problem within them."""
-    problems = error.errors()
-    places = [problem["loc"] for problem in problems]
+    every = error.errors()
+    places = [problem["loc"] for problem in every]
 
     def holds_another(place: tuple[int | str, ...]) -> bool:
         return any(other != place and other[: len(place)] == place for other in places)
 
-    return [problem for problem in problems if not holds_another(problem["loc"])]
+    # Tables that have a problem within them are left out.
+    problems = [problem for problem in every if not holds_another(problem["loc"])]
+    lines = [f"{source}: {_format_problem(dict(p))}" for p in problems[:2]]
+    if len(problems) > 2:
+        lines[-1] += f" (and {len(problems) - 2} more)"
+    return "\n".join(lines)
 
 
 def _format_problem(problem: dict[str, Any]) -> str:

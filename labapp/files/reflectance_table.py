@@ -70,8 +70,5 @@ def mallett_basis() -> Basis:
 
 
 def reflectance_basis(spectra: Literal["mallett", "primaries"]) -> Basis:
-    """Return the basis of reflectance spectra that the key `spectra` names.
-
-    The basis converts a photograph's colours to reflectances.
-    """
+    """Return the basis of spectra by which a photograph's colours become reflectances."""
     return mallett_basis() if spectra == "mallett" else primaries()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from os.path import normpath
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -24,7 +25,6 @@ from labapp.files.scene_targets import (
 )
 from labapp.files.scene_targets import PhotographTable as PhotographTable
 from labapp.files.scene_targets import StarTable as StarTable
-from labapp.files.table_paths import referenced_files, with_absolute_paths
 from labapp.files.true_bench_table import TrueBenchTable
 from simulator.scene import Scene
 
@@ -77,15 +77,11 @@ class SceneFile(FileModel):
                     f"target {name!r} stands in the light of {light!r}, which isn't in the table "
                     f"'lights' ({known})"
                 )
-        if self.version == 1:
-            self._require_version_1_content()
-        return self
-
-    def _require_version_1_content(self) -> None:
         new = [name for name, one in self.targets.items() if not isinstance(one, _VERSION_1_KINDS)]
-        if new or self.lights:
+        if self.version == 1 and (new or self.lights):
             what = f"target {new[0]!r}" if new else "the table 'lights'"
             raise ValueError(f"{what} needs version = 2")
+        return self
 
     def build(self) -> Scene:
         """Build the simulator's scene; UserError if a file that it names is wrong."""
@@ -100,8 +96,8 @@ class SceneFile(FileModel):
 
     @property
     def input_files(self) -> list[Path]:
-        """Paths of the pictures and data that the scene names."""
-        return referenced_files(self)
+        """Paths of the pictures and data that the scene names, each once, sorted."""
+        return sorted(set(_collect_paths("", self)))
 
     def with_files_in(self, folder: Path) -> SceneFile:
         """Return the scene with absolute paths of its files, relative to `folder`."""
@@ -114,3 +110,38 @@ class SceneFile(FileModel):
             for name, table in self.targets.items()
         }
         return self.model_copy(update={"targets": tables})
+
+
+M = TypeVar("M", bound=FileModel)
+
+PATH_KEYS = frozenset({"file", "disparity", "depth"})
+"""Names of the keys in a scene's tables whose values are paths."""
+
+
+def with_absolute_paths(table: M, folder: Path) -> M:
+    """Return a table with absolute paths, those within its own tables included."""
+    changes = {
+        name: _make_absolute(name, getattr(table, name), folder)
+        for name in type(table).model_fields
+    }
+    return table.model_copy(update=changes)
+
+
+def _make_absolute(name: str, value: Any, folder: Path) -> Any:
+    if isinstance(value, FileModel):
+        return with_absolute_paths(value, folder)
+    if isinstance(value, dict):
+        return {key: _make_absolute("", one, folder) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(_make_absolute("", one, folder) for one in value)
+    return normpath(folder / value) if name in PATH_KEYS and isinstance(value, str) else value
+
+
+def _collect_paths(name: str, value: Any) -> list[Path]:
+    if isinstance(value, FileModel):
+        fields = type(value).model_fields
+        return [path for field in fields for path in _collect_paths(field, getattr(value, field))]
+    if isinstance(value, dict | list | tuple):
+        items = value.values() if isinstance(value, dict) else value
+        return [path for one in items for path in _collect_paths("", one)]
+    return [Path(value)] if name in PATH_KEYS and isinstance(value, str) else []

@@ -12,8 +12,8 @@ from pydantic import AfterValidator, Field
 from labapp.common.errors import UserError
 from labapp.files.chart_table import Chart, ColorChecker, SiemensStar, SlantedEdge, UsafChart
 from labapp.files.light_table import Lamp
+from labapp.files.picture.colour_picture import cached_picture
 from labapp.files.picture.encoding import parse_encoding
-from labapp.files.picture_cache import cached_picture
 from labapp.files.quantities import Finite, Positive
 from labapp.files.reading import FileModel
 from labapp.files.reflectance_table import reflectance_basis

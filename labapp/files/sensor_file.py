@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
-from labapp.files.file_lookup import find_part_file
+from labapp.files.file_lookup import find_part_file, split_part
 from labapp.files.quantities import Amount, Finite, NanometresText, Positive
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.spectrum_file import read_spectrum
@@ -30,10 +29,7 @@ class CurveFile(FileModel):
     column: str | None = None
 
     def read_curve(self, folder: Path) -> InlineCurve:
-        """Read a curve of quantum efficiency from its place in `folder`, shares by nm as text.
-
-        Raises UserError with file, line and value.
-        """
+        """Read the curve from its place in `folder`: electrons per photon by nm as text."""
         path = folder / self.file
         curve = read_spectrum(path, self.column)
         if curve.peak > 1:
@@ -65,7 +61,10 @@ class ColourTable(FileModel):
         )
 
     def resolve_files(self, folder: Path) -> ColourTable:
-        found = {name: _read_curve(one, folder) for name, one in self.efficiency.items()}
+        found = {
+            name: one.read_curve(folder) if isinstance(one, CurveFile) else one
+            for name, one in self.efficiency.items()
+        }
         return self.model_copy(update={"efficiency": found})
 
 
@@ -138,10 +137,7 @@ class SensorTable(FileModel):
         return not any(isinstance(one, CurveFile) for one in curves)
 
     def resolve_files(self, folder: Path) -> Self:
-        """Return the table with its curves read from their files in `folder`.
-
-        Raises UserError with file, line and value.
-        """
+        """Return the table with its curves read from their files in `folder`."""
         efficiency = self.quantum_efficiency
         if isinstance(efficiency, CurveFile):
             efficiency = efficiency.read_curve(folder)
@@ -183,16 +179,9 @@ class SensorTable(FileModel):
             model=self.model,
             clip_level=self.clip_level_dn,
             crosstalk=self.crosstalk_percent / 100,
-            dust=specks_in_metres(self.dust),
+            dust=tuple((y * 1e-6, x * 1e-6, size * 1e-6) for y, x, size in self.dust),
             dust_distance=self.dust_distance_um * 1e-6,
         )
-
-
-def specks_in_metres(
-    dust: Sequence[tuple[float, float, float]],
-) -> tuple[tuple[float, float, float], ...]:
-    """Convert specks of dust, each (y, x, diameter), from micrometres to metres."""
-    return tuple((y * 1e-6, x * 1e-6, diameter * 1e-6) for y, x, diameter in dust)
 
 
 class SensorFile(SensorTable):
@@ -217,12 +206,10 @@ def with_sensor(data: dict[str, Any], folder: Path, source: str) -> dict[str, An
     Keys beside `file` override those of the sensor file; quantum_efficiency and colour replace
     each other. `source` is the name of the bench file in errors.
     """
-    sensor = data.get("sensor")
-    if not isinstance(sensor, dict) or "file" not in sensor:
+    found = split_part(data, "sensor", source)
+    if found is None:
         return data
-    file, own = sensor["file"], {key: value for key, value in sensor.items() if key != "file"}
-    if not isinstance(file, str):
-        raise UserError(f"{source}: key 'sensor.file' is {file!r}: it should be a string.")
+    file, own = found
     given = read_sensor(file, folder).model_dump()
     if "colour" in own:
         given["quantum_efficiency"] = None
@@ -239,10 +226,6 @@ def require_monochrome_sensor(sensor: Sensor, task: str) -> None:
             f"sensor has colour filters, {' '.join(sensor.colour.pattern)}. Take a bench with a "
             "monochrome sensor; labapp reconstruct and labapp report restore records in colour."
         )
-
-
-def _read_curve(curve: Curve, folder: Path) -> InlineCurve:
-    return curve.read_curve(folder) if isinstance(curve, CurveFile) else curve
 
 
 def _spectrum(curve: Curve) -> Spectrum:

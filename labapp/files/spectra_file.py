@@ -31,16 +31,8 @@ _HINT = "Give a file that `labapp calibrate --spectra` wrote, such as spectra.js
 class ParameterTable(FileModel):
     """One calibrated parameter of a snapshot camera in a spectral calibration's file.
 
-    Attributes
-    ----------
-    name, unit : str
-        What it is, and its unit: px, or nothing for shares and ratios.
-    value, sigma : float
-        Estimate and standard deviation.
-    lower, upper : float
-        Ends of the 90 % interval.
-    nominal : float
-        Value of the nominal model.
+    The unit is px, or nothing for shares and ratios; lower and upper are the ends of the 90 %
+    interval, and nominal is the value of the nominal model.
     """
 
     name: str
@@ -55,18 +47,11 @@ class ParameterTable(FileModel):
 class BandTable(FileModel):
     """What a spectral calibration found in one band, besides the model's parameters.
 
-    Attributes
-    ----------
-    wavelength_nm : float
-        Centre of the band.
-    white_e_per_s : float
-        Electrons per second and pixel that the white sheet gives behind the filter that sees most.
-    light_share : float
-        Share of the light that the coded pattern sends into the window of the PSF, over that of the
-        neutral one: measured on the white sheet, times the computed share within the window.
-    star_residual : float
-        Root mean square of what the calibrated model leaves of the star's picture beyond the noise,
-        relative to the picture's own.
+    white_e_per_s is the electrons per second and pixel that the white sheet gives behind the filter
+    that sees most. light_share is the share of the light that the coded pattern sends into the
+    window of the PSF, over that of the neutral one: measured on the white sheet, times the computed
+    share within the window. star_residual is the root mean square of what the calibrated model
+    leaves of the star's picture beyond the noise, relative to the picture's own.
     """
 
     wavelength_nm: Nanometres
@@ -78,15 +63,10 @@ class BandTable(FileModel):
 class TransmissionTable(FileModel):
     """What a spectroradiometer saw of the white sheet through the filter, for one band.
 
-    Attributes
-    ----------
-    wavelength_nm, width_nm : float
-        Centroid of the spectrum, and its area over its peak, to which the instrument's slit adds.
-    radiance_w_sr_m2 : float
-        Radiance, integrated over the wavelengths of the band.
-    relative, sigma : float or None
-        Transmission of the filter, relative to the band that it passes most of, and its standard
-        deviation, from repeated measurements. None where the lamp's own spectrum isn't known.
+    wavelength_nm is the centroid of the spectrum, and width_nm its area over its peak, to which the
+    instrument's slit adds. The radiance is integrated over the band. relative is the filter's
+    transmission over that of the band that it passes most of, and sigma its standard deviation,
+    from repeated measurements; None where the lamp's own spectrum isn't known.
     """
 
     wavelength_nm: Nanometres
@@ -195,21 +175,14 @@ def read_spectra_file(path: Path) -> SpectraSource:
 
 
 def as_ppm(psfs: NDArray[np.float64]) -> Stack:
-    """Return PSFs in parts per million of their light.
-
-    They are rounded to a tenth, which the model's error exceeds by far.
-    """
+    """Return PSFs in parts per million of their light, to a tenth, far below the model's error."""
     # Adding zero makes -0.0 into 0.0.
     found: Any = (np.round(_PPM * psfs, 1) + 0.0).tolist()
     return tuple(tuple(tuple(row) for row in one) for one in found)
 
 
 def name_bands(text: str, wavelengths: Sequence[float]) -> str:
-    """Return a parameter's name with the wavelength of its band, as "centre y, 550 nm".
-
-    text: has the number of a band, as "centre y of band 2".
-    wavelengths: metres.
-    """
+    """Return "centre y of band 2" with the band's wavelength, as "centre y, 550 nm"."""
     return re.sub(
         r" of band (\d+)", lambda found: f", {wavelengths[int(found[1])] * 1e9:g} nm", text
     )

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
-from labapp.files.column_headings import share_unit, unit_in_heading
 from labapp.files.reading import bundled_path
-from labapp.files.text_table import parse_numbers, table_lines
+from labapp.files.text_table import parse_numbers, share_unit, table_lines, unit_in_heading
 from labapp.files.wavelengths import NANOMETRES, convert_wavelengths, require_nanometres
 from optics.light.spectrum import Spectrum
 

@@ -33,18 +33,12 @@ class StateFile:
         self._written = time.monotonic()
 
     def read_settings(self) -> dict[str, Any] | None:
-        """Return the settings of the kept work, "steps" among them; None without kept work.
-
-        Raises UserError if the file is damaged.
-        """
+        """Return the kept work's settings, "steps" among them, or None; UserError for damage."""
         stored = self._load()
         return None if stored is None else dict(stored["settings"])
 
     def read_steps(self) -> int | None:
-        """Return how many steps the kept work has in all; None without kept work.
-
-        Raises UserError if the file is damaged.
-        """
+        """Return how many steps the kept work has in all, or None; UserError for damage."""
         settings = self.read_settings()
         return None if settings is None else int(settings["steps"])
 
@@ -137,13 +131,7 @@ def _require_plain(settings: Mapping[str, Any]) -> None:
 
 
 _DAMAGE = (
-    OSError,
-    EOFError,
-    RuntimeError,
-    LookupError,
-    TypeError,
-    ValueError,
-    AttributeError,
+    OSError, EOFError, RuntimeError, LookupError, TypeError, ValueError, AttributeError,
     pickle.UnpicklingError,
-)
+)  # fmt: skip
 """What loading damaged data raises."""

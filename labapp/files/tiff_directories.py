@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -46,37 +45,21 @@ PANASONIC_OFFSET = 280
 
 @dataclass(frozen=True)
 class _Layout:
-    """How TIFF's numbers are laid out: their order, and the size of its offsets."""
+    """How TIFF's numbers are laid out: their order, a tag, the number of tags, and an offset."""
 
     order: str
-    is_big: bool
-
-    @property
-    def entry(self) -> struct.Struct:
-        return struct.Struct(self.order + ("HHQ8s" if self.is_big else "HHL4s"))
-
-    @property
-    def count(self) -> struct.Struct:
-        return struct.Struct(self.order + ("Q" if self.is_big else "H"))
-
-    @property
-    def offset(self) -> struct.Struct:
-        return struct.Struct(self.order + ("Q" if self.is_big else "L"))
+    entry: struct.Struct
+    count: struct.Struct
+    offset: struct.Struct
 
 
 @dataclass(frozen=True, eq=False)
 class Directory:
-    """A directory of tags, which describes one picture of a file.
-
-    data: the whole file.
-    offset: where the directory begins in it.
-    is_sub: whether another directory leads to it, and not the chain of pages.
-    """
+    """A directory of tags, at an offset of a file's data, which describes one of its pictures."""
 
     data: bytes
     offset: int
     layout: _Layout
-    is_sub: bool = False
 
     @cached_property
     def _entries(self) -> dict[int, tuple[int, int, bytes]]:
@@ -160,7 +143,7 @@ class Directory:
         at = self.number(code, 0)
         if not 0 < at < len(self.data) - self.layout.count.size:
             return None
-        return Directory(self.data, at, self.layout, True)
+        return Directory(self.data, at, self.layout)
 
     @property
     def parts(self) -> list[tuple[int, int]]:
@@ -187,7 +170,7 @@ def is_tiff_like(data: bytes) -> bool:
 def read_directory(data: bytes, offset: int | None = None) -> Directory | None:
     """Return the directory at an offset, by default the first; None if there is none."""
     layout, first = _read_header(data)
-    return None if layout is None else _collect(data, offset or first, layout, {}, is_sub=False)
+    return None if layout is None else _collect(data, offset or first, layout, {})
 
 
 def read_directories(data: bytes) -> list[Directory]:
@@ -199,9 +182,11 @@ def read_directories(data: bytes) -> list[Directory]:
     if layout is None:
         return []
     found: dict[int, Directory] = {}
-    for page in _chain(data, first, layout, found):
+    offset = first
+    while (page := _collect(data, offset, layout, found)) is not None:
         for at in page.numbers(SUB_DIRECTORIES):
             _collect(data, int(at), layout, found)
+        offset = page.next_offset
     return list(found.values())
 
 
@@ -209,34 +194,22 @@ def _read_header(data: bytes) -> tuple[_Layout | None, int]:
     """Return the layout of numbers and the offset of the first page, or None and 0."""
     if not is_tiff_like(data):
         return None, 0
-    layout = _Layout("<" if data[:2] == b"II" else ">", data[:4] in _BIG)
+    order, is_big = "<" if data[:2] == b"II" else ">", data[:4] in _BIG
+    forms = ("HHQ8s", "Q", "Q") if is_big else ("HHL4s", "H", "L")
+    layout = _Layout(order, *(struct.Struct(order + form) for form in forms))
     try:
-        (first,) = layout.offset.unpack_from(data, 8 if layout.is_big else 4)
+        (first,) = layout.offset.unpack_from(data, 8 if is_big else 4)
     except struct.error:
         return None, 0
     return layout, int(first)
 
 
-def _chain(
-    data: bytes, offset: int, layout: _Layout, found: dict[int, Directory]
-) -> Iterator[Directory]:
-    """Yield the directories of the chain of pages, and add them to `found`."""
-    while (page := _collect(data, offset, layout, found, is_sub=False)) is not None:
-        yield page
-        offset = page.next_offset
-
-
 def _collect(
-    data: bytes,
-    offset: int,
-    layout: _Layout,
-    found: dict[int, Directory],
-    *,
-    is_sub: bool = True,
+    data: bytes, offset: int, layout: _Layout, found: dict[int, Directory]
 ) -> Directory | None:
     """Add a directory to `found`; None if there is none, or it's there already."""
     inside = 0 < offset <= len(data) - layout.count.size
     if not inside or offset in found or len(found) >= _MOST_DIRECTORIES:
         return None
-    found[offset] = Directory(data, offset, layout, is_sub)
+    found[offset] = Directory(data, offset, layout)
     return found[offset]

@@ -7,17 +7,15 @@ differences.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
-from labapp.files.field_aberrations_table import FieldAberrationsTable
-from labapp.files.ghost_table import GhostTable
+from labapp.files.lens_table import FieldAberrationsTable, GhostTable
 from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel
-from labapp.files.sensor_file import specks_in_metres
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.camera.pupil import open_area
 from optics.slm import PhaseResponse
@@ -29,7 +27,7 @@ T = TypeVar("T")
 
 
 def _require_zernike_term(term: tuple[int, int, float]) -> tuple[int, int, float]:
-    require_zernike_indices(term[0], term[1])
+    require_zernike_indices(*term[:2])
     return term
 
 
@@ -90,17 +88,20 @@ class TruePanelTable(FileModel):
     illumination: IlluminationTable | None = None
 
     def apply(self, panel: Panel) -> Panel:
-        same = ("fill_factor", "unmodulated", "reflectivity", "flicker")
+        same = (
+            "fill_factor", "unmodulated", "reflectivity", "flicker", "gap_reflection",
+            "front_reflection",
+        )  # fmt: skip
         changes: dict[str, Any] = {
-            name: getattr(self, name) for name in (*same, "gap_reflection", "front_reflection")
+            **{name: getattr(self, name) for name in same},
+            "jitter": self.jitter_rad,
+            "coupling": _times(self.coupling_um, 1e-6),
+            "response_time": _times(self.response_time_ms, 1e-3),
         }
-        changes["jitter"] = self.jitter_rad
-        changes["coupling"] = _times(self.coupling_um, 1e-6)
-        changes["response_time"] = _times(self.response_time_ms, 1e-3)
         if self.response is not None:
             changes["response"] = self.response.build(panel.levels)
         if self.flatness is not None:
-            changes["flatness"] = flatness_map(panel, _metres(self.flatness))
+            changes["flatness"] = flatness_map(panel, _scale_rows(self.flatness, 1, 1, 1e-9))
         if self.illumination is not None:
             y, x = self.illumination.centre_mm
             radius = self.illumination.radius_mm * 1e-3
@@ -127,20 +128,12 @@ class TrueLensTable(FileModel):
             "f_number": self.f_number,
             "distortion": self.distortion,
             "focus_distance": self.focus_distance_m,
+            "aberrations": _scale_rows(self.aberrations, 1, 1, 1e-9),
+            "relative_illumination": _scale_rows(self.relative_illumination, 1e-3, 1),
+            "axial_colour": _scale_rows(self.axial_colour, 1e-9, 1e-6),
+            "field_aberrations": self.field_aberrations and self.field_aberrations.build(),
+            "lateral_colour": _scale_rows(self.lateral_colour, 1e-9, 1e-2),
         }
-        if self.aberrations is not None:
-            changes["aberrations"] = _metres(self.aberrations)
-        if self.relative_illumination is not None:
-            curve = ((height * 1e-3, share) for height, share in self.relative_illumination)
-            changes["relative_illumination"] = tuple(curve)
-        if self.axial_colour is not None:
-            shifts = ((one * 1e-9, shift * 1e-6) for one, shift in self.axial_colour)
-            changes["axial_colour"] = tuple(shifts)
-        if self.field_aberrations is not None:
-            changes["field_aberrations"] = self.field_aberrations.build()
-        if self.lateral_colour is not None:
-            scales = ((one * 1e-9, change * 1e-2) for one, change in self.lateral_colour)
-            changes["lateral_colour"] = tuple(scales)
         return replace(lens, **{k: v for k, v in changes.items() if v is not None})
 
 
@@ -154,7 +147,7 @@ class TrueSensorTable(FileModel):
     def apply(self, sensor: Sensor) -> Sensor:
         changes: dict[str, Any] = {
             "crosstalk": _times(self.crosstalk_percent, 1e-2),
-            "dust": None if self.dust is None else specks_in_metres(self.dust),
+            "dust": _scale_rows(self.dust, 1e-6, 1e-6, 1e-6),
             "dust_distance": _times(self.dust_distance_um, 1e-6),
         }
         return replace(sensor, **{k: v for k, v in changes.items() if v is not None})
@@ -238,8 +231,11 @@ def _times(value: float | None, unit: float) -> float | None:
     return None if value is None else value * unit
 
 
-def _metres(terms: list[tuple[int, int, float]]) -> tuple[tuple[int, int, float], ...]:
-    return tuple((n, m, nanometres * 1e-9) for n, m, nanometres in terms)
+def _scale_rows(rows: Sequence[tuple[float, ...]] | None, *units: float) -> Any:
+    """Return the numbers of each row times their units; whole numbers stay so by a unit of 1."""
+    if rows is None:
+        return None
+    return tuple(tuple(n * unit for n, unit in zip(row, units, strict=True)) for row in rows)
 
 
 def _with_table_in_errors(table: str, make: Callable[[], T]) -> T:

@@ -49,22 +49,17 @@ def lock_file(handle: int) -> bool:
     try:
         fcntl.fcntl(handle, fcntl.F_OFD_SETLK, _LOCK)
     except OSError as error:
-        if error.errno in NO_LOCKS:
-            return _take_named_lock(handle)
-        if error.errno not in (errno.EAGAIN, errno.EACCES):
-            raise
-        return False
-    return True
+        if error.errno not in NO_LOCKS:
+            if error.errno not in (errno.EAGAIN, errno.EACCES):
+                raise
+            return False
+        # Most file systems keep locks, and a run loads no more than it needs.
+        from labapp.common.named_locks import take_named_lock
 
-
-def _take_named_lock(handle: int) -> bool:
-    # Most file systems keep locks, and a run loads no more than it needs.
-    from labapp.common.named_locks import take_named_lock
-
-    lock = take_named_lock(_lock_name(os.fstat(handle)))
-    if lock is None:
-        return False
-    _named_locks[handle] = lock
+        lock = take_named_lock(_lock_name(os.fstat(handle)))
+        if lock is None:
+            return False
+        _named_locks[handle] = lock
     return True
 
 
@@ -113,7 +108,8 @@ def open_locked(path: Path) -> int:
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK)
         try:
-            _require_plain(handle, path)
+            if not stat.S_ISREG(os.fstat(handle).st_mode):
+                raise UserError(f"{path}: isn't a plain file. Choose another name.")
             # Before the lock was held, another process may have put a new file there.
             if lock_file(handle) and has_path(handle, path):
                 found, handle = handle, -1
@@ -131,7 +127,12 @@ def require_unlocked(path: Path) -> None:
         # Who moves a file holds the lock for a moment; then nobody is found who has it.
         holder = _lock_holder(path)
         if holder is not None or time.monotonic() > give_up:
-            raise UserError(_in_use_message(path, holder))
+            who = f"process {holder} on {socket.gethostname()}"
+            if holder is None:
+                who = "another user's process or one on another host (labapp verify says which)"
+            raise UserError(
+                f"{path}: is being written by {who}. Wait for it to end, or choose another name."
+            )
         time.sleep(_PAUSE)
 
 
@@ -151,11 +152,6 @@ def is_locked(path: Path) -> bool:
     return struct.unpack_from("h", found)[0] != fcntl.F_UNLCK
 
 
-def _require_plain(handle: int, path: Path) -> None:
-    if not stat.S_ISREG(os.fstat(handle).st_mode):
-        raise UserError(f"{path}: isn't a plain file. Choose another name.")
-
-
 def has_path(handle: int, path: Path) -> bool:
     """Return whether an open file is still the one that a path names."""
     with suppress(FileNotFoundError):
@@ -164,19 +160,8 @@ def has_path(handle: int, path: Path) -> bool:
 
 
 def is_deleted(handle: int) -> bool:
-    """Return whether an open file has no name any more.
-
-    So it is if the file was deleted, or another was put in its place.
-    """
+    """Return whether an open file was deleted, or another was put in its place."""
     return os.fstat(handle).st_nlink == 0
-
-
-def _in_use_message(path: Path, process: int | None) -> str:
-    if process is None:
-        who = "another user's process or one on another host (labapp verify says which)"
-    else:
-        who = f"process {process} on {socket.gethostname()}"
-    return f"{path}: is being written by {who}. Wait for it to end, or choose another name."
 
 
 def move_into_place(draft: Path, path: Path, *, force: bool) -> None:

@@ -68,9 +68,8 @@ def make_folder(folder: Path) -> None:
     try:
         create_folder(folder)
     except OSError as error:
-        raise UserError(
-            f"{folder}: cannot be made: {error.strerror}. Choose another place."
-        ) from error
+        told = f"{folder}: cannot be made: {error.strerror}. Choose another place."
+        raise UserError(told) from error
 
 
 def create_folder(folder: Path) -> None:

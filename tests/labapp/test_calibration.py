@@ -40,9 +40,9 @@ from labapp.calibration.result_report import advice, result_rows
 from labapp.common.errors import UserError
 from labapp.files.bench_file import read_bench
 from labapp.files.calibration_file import CalibrationFile, calibration_to_json
+from labapp.files.camera_file import PolarisationTable, PolariserTable
 from labapp.files.plan_file import PlanFile
 from labapp.files.plan_folder import as_toml
-from labapp.files.polarisation_table import PolarisationTable, PolariserTable
 from labapp.files.reading import read_file
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record

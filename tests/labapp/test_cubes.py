@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from labapp.common.errors import UserError
-from labapp.files.cube_paths import cube_paths
 from labapp.files.cubes import SpectralCube, read_cube, write_cube
+from labapp.files.output_paths import cube_paths
 from labapp.files.wavelengths import convert_wavelengths, remark_on_unit
 
 SHARED = Path(__file__).parents[3] / "shared/data/ms_cubes"

@@ -15,13 +15,17 @@ import tifffile
 from PIL import Image
 
 from labapp.files.exif import UNCALIBRATED, Exif, read_exif
-from labapp.files.picture.exif_in_files import (
+from labapp.files.picture.boxed_formats import (
+    exif_of_heif,
+    exif_of_jpeg_xl,
+    orientation_of_heif,
+    read_jpeg_xl_header,
+)
+from labapp.files.picture.file_parts import (
     exif_of_jpeg,
     exif_of_png,
     exif_of_webp,
 )
-from labapp.files.picture.heif import exif_of_heif, orientation_of_heif
-from labapp.files.picture.jpeg_xl import exif_of_jpeg_xl, read_jpeg_xl_header
 
 PICTURE = Image.fromarray(np.arange(24 * 16 * 3, dtype=np.uint8).reshape(24, 16, 3))
 EXPOSED = {0x829A: 1 / 125, 0x829D: 5.6, 0x8827: 400, 0x9204: -2 / 3, 0xA001: 1}

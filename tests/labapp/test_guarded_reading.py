@@ -21,10 +21,15 @@ from labapp.common import free_memory
 from labapp.common.errors import UserError
 from labapp.files.array_file import read_npy, read_npz, require_plain_zip
 from labapp.files.cubes import read_cube
-from labapp.files.file_lookup import require_file, require_readable
-from labapp.files.guarded_reading import FREE_EXPANSION, open_regular, read_bytes, require_memory
-from labapp.files.matlab_file import read_matlab
-from labapp.files.number_file import read_numbers
+from labapp.files.file_lookup import require_file
+from labapp.files.guarded_reading import (
+    FREE_EXPANSION,
+    open_regular,
+    read_bytes,
+    require_memory,
+    require_regular,
+)
+from labapp.files.number_file import read_matlab, read_numbers
 from labapp.files.picture.headers import find_header
 from labapp.files.picture.opening import count_pages
 from labapp.files.picture.photograph import read_photograph
@@ -54,7 +59,7 @@ def test_the_bytes_of_a_file_are_read_up_to_a_limit(tmp_path):
     ],
 )
 def test_what_is_no_file_is_told(tmp_path, make, words):
-    for read in (read_bytes, require_file, require_readable):
+    for read in (read_bytes, require_file, require_regular):
         with pytest.raises(UserError, match=words):
             read(make(tmp_path))
 

@@ -13,8 +13,7 @@ import pytest
 
 from labapp.common.errors import UserError
 from labapp.files.exif import Exif
-from labapp.files.picture.exr_library import encode_open_exr
-from labapp.files.picture.open_exr import count_exr_pages, read_open_exr
+from labapp.files.picture.open_exr import count_exr_pages, encode_open_exr, read_open_exr
 
 PATH = Path("a.exr")
 LIGHT = (np.random.default_rng(1).random((3, 12, 17)) * 1e3).astype(np.float32)

@@ -10,7 +10,6 @@ import pytest
 
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile, read_bench
-from labapp.files.file_lookup import bundled_parts
 from labapp.files.panel_file import PanelTable, read_panel
 from labapp.files.reading import bundled_path
 from optics.slm import Panel, grey_to_phase, max_phase
@@ -71,7 +70,7 @@ def test_the_bundled_bench_has_the_bundled_panel(tmp_path):
 
 
 def test_every_bundled_panel_can_be_named_by_a_bench(tmp_path):
-    for name in bundled_parts("panel"):
+    for name in (one.stem for one in bundled_path("panels").glob("*.toml")):
         assert bench(tmp_path, f'file = "{name}"').panel == read_panel(name, tmp_path)
 
 

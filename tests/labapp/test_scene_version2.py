@@ -11,8 +11,7 @@ import torch
 from labapp.common.errors import UserError
 from labapp.files.file_lookup import bundled_scenes, find_scene
 from labapp.files.number_file import read_numbers
-from labapp.files.picture.colour_picture import read_scene_picture
-from labapp.files.picture_cache import cached_picture
+from labapp.files.picture.colour_picture import cached_picture, read_scene_picture
 from labapp.files.reading import bundled_path, read_file, validate
 from labapp.files.scene_file import SceneFile
 from optics.camera import Camera, Sensor

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image, ImageCms
 
 from labapp.common.errors import UserError
+from labapp.files.picture.boxed_formats import heif_encoding
 from labapp.files.picture.encoding import BT709, HLG, LINEAR, PQ, SRGB, Encoding, gamma_encoding
-from labapp.files.picture.heif import heif_encoding
 from labapp.files.picture.icc import icc_encoding
 from labapp.files.picture.stated_encoding import (
     icc_of_jpeg,

@@ -82,19 +82,14 @@ class SpectralCube:
             )
         require_metres(wavelengths)
         if self.error is not None:
-            self._require_error_map()
+            error = _single_precision(self.error, "error", may_miss=self.may_miss)
+            object.__setattr__(self, "error", error)
+            if error.shape != self.values.shape:
+                raise UserError(f"error is {error.shape}. Give {self.values.shape}")
+            if not isinstance(error, StoredValues) and (error < 0).any():
+                raise UserError(f"error is down to {np.nanmin(error):g}. Give 0 or more")
         if self.pitch is not None and not 0 < self.pitch < 1e-3:
             raise UserError(f"pitch is {self.pitch:g} m. Give metres between pixels, such as 5e-6")
-
-    def _require_error_map(self) -> None:
-        """Convert the error map to float32; raise UserError if it doesn't fit the values."""
-        assert self.error is not None
-        error = _single_precision(self.error, "error", may_miss=self.may_miss)
-        object.__setattr__(self, "error", error)
-        if error.shape != self.values.shape:
-            raise UserError(f"error is {error.shape}. Give {self.values.shape}")
-        if not isinstance(error, StoredValues) and (error < 0).any():
-            raise UserError(f"error is down to {np.nanmin(error):g}. Give 0 or more")
 
     @cached_property
     def missing(self) -> NDArray[np.bool_]:
@@ -106,13 +101,7 @@ class SpectralCube:
         return found
 
     def row_blocks(self) -> Iterator[slice]:
-        """Yield the rows in blocks of some megabytes, which are quick to read by any file.
-
-        Yields
-        ------
-        slice
-            Rows of a block, for `values[:, rows]`.
-        """
+        """Yield the rows, for `values[:, rows]`, in blocks of some megabytes that read quickly."""
         bands, rows, columns = self.shape
         step = max(_BLOCK // (4 * bands * columns), 1)
         yield from (slice(at, min(at + step, rows)) for at in range(0, rows, step))
@@ -163,10 +152,7 @@ class SpectralCube:
 
 
 def _single_precision(values: object, name: str, *, may_miss: bool) -> Values | StoredValues:
-    """Return an array in float32; raise UserError if it isn't finite real numbers.
-
-    may_miss: whether masked values and NaN stand for missing ones.
-    """
+    """Return an array in float32; UserError unless it is finite real numbers, or NaN may be."""
     if isinstance(values, StoredValues):
         return values
     given = np.asanyarray(values)

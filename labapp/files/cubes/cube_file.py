@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from labapp.common.errors import UserError
-from labapp.files.cube_paths import ENVI_ENDING, cube_paths
 from labapp.files.cubes.cube import SpectralCube
 from labapp.files.cubes.envi_cube import encode_envi, read_envi
 from labapp.files.cubes.hdf5_cube import encode_hdf5, read_hdf5
-from labapp.files.file_lookup import require_readable
-from labapp.files.guarded_reading import require_free_memory
+from labapp.files.guarded_reading import require_free_memory, require_regular
+from labapp.files.output_paths import ENVI_ENDING, cube_paths
 from labapp.files.writing import write_atomically
 
 _LARGE = 16 << 20
@@ -45,22 +44,17 @@ def read_cube(path: Path) -> SpectralCube:
         If the file is missing, of another kind, cut short, or its wavelengths have no unit that
         fits.
     """
-    require_readable(path)
+    require_regular(path)
     cube_paths(path)
     try:
         cube = read_envi(path) if path.suffix.lower() == ENVI_ENDING else read_hdf5(path)
-        return _load_small(cube)
+        if 4 * cube.values.size > _LARGE:
+            return cube
+        error_map = None if cube.error is None else np.asarray(cube.error)
+        return replace(cube, values=np.asarray(cube.values), error=error_map)
     except UserError as error:
         text = str(error).rstrip(".")
         raise UserError(text + "." if str(path) in text else f"{path}: {text}.") from error
-
-
-def _load_small(cube: SpectralCube) -> SpectralCube:
-    """Bring a cube's numbers into memory, unless they are many."""
-    if 4 * cube.values.size > _LARGE:
-        return cube
-    error = None if cube.error is None else np.asarray(cube.error)
-    return replace(cube, values=np.asarray(cube.values), error=error)
 
 
 def write_cube(path: Path, cube: SpectralCube) -> tuple[Path, ...]:

@@ -23,7 +23,7 @@ import labapp
 from labapp.common.errors import UserError
 from labapp.files.cubes.cube import SpectralCube
 from labapp.files.cubes.stored_values import StoredValues, Values, Window
-from labapp.files.nexus import create_group
+from labapp.files.hdf5_output import create_group
 from labapp.files.plain_hdf5 import open_plain_hdf5
 
 DEFINITION = "labapp_cube"
@@ -38,7 +38,20 @@ def encode_hdf5(cube: SpectralCube) -> bytes:
     """Return the bytes of a spectral cube's HDF5 file."""
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:
-        _write_cube(file, cube)
+        file.attrs["default"] = "entry"
+        entry = create_group(file, "entry", "NXentry")
+        entry.attrs["default"] = "data"
+        entry["title"] = "Spectral cube"
+        entry["definition"] = DEFINITION
+        entry["labapp_version"] = labapp.__version__
+        entry["light"], entry["description"] = cube.light, cube.description
+        data = create_group(entry, "data", "NXdata")
+        data.attrs["signal"] = "values"
+        data.attrs["axes"] = ["wavelength", "y", "x"]
+        _write_axes(data, cube)
+        _write_picture(data, "values", cube.values, cube.unit, "value of each band at each pixel")
+        if cube.error is not None:
+            _write_picture(data, "error", cube.error, cube.unit, _ERROR_NAME)
     return buffer.getvalue()
 
 
@@ -48,24 +61,26 @@ def read_hdf5(path: Path) -> SpectralCube:
     Raises UserError if it is another file or damaged.
     """
     with open_plain_hdf5(path) as file:
-        return _read_cube(path, file)
-
-
-def _write_cube(file: h5py.File, cube: SpectralCube) -> None:
-    file.attrs["default"] = "entry"
-    entry = create_group(file, "entry", "NXentry")
-    entry.attrs["default"] = "data"
-    entry["title"] = "Spectral cube"
-    entry["definition"] = DEFINITION
-    entry["labapp_version"] = labapp.__version__
-    entry["light"], entry["description"] = cube.light, cube.description
-    data = create_group(entry, "data", "NXdata")
-    data.attrs["signal"] = "values"
-    data.attrs["axes"] = ["wavelength", "y", "x"]
-    _write_axes(data, cube)
-    _write_picture(data, "values", cube.values, cube.unit, "value of each band at each pixel")
-    if cube.error is not None:
-        _write_picture(data, "error", cube.error, cube.unit, _ERROR_NAME)
+        kind = file["entry/definition"][()].decode() if "entry/definition" in file else "unknown"
+        if kind != DEFINITION:
+            raise UserError(
+                f"is an HDF5 file of kind {kind!r}, and not a spectral cube. Give a cube that "
+                "labapp wrote, or an ENVI header, .hdr"
+            )
+        data = file["entry/data"]
+        unit = data["wavelength"].attrs["units"]
+        if unit != "m":
+            raise UserError(f"wavelengths are in {unit!r}; a cube has metres, 'm'")
+        pitch = data.attrs.get("pixel_pitch")
+        return SpectralCube(
+            _stored_values(path, data, "values"),
+            tuple(data["wavelength"][()].tolist()),
+            str(data["values"].attrs["units"]),
+            _stored_values(path, data, "error") if "error" in data else None,
+            file["entry/light"][()].decode(),
+            None if pitch is None else float(pitch),
+            file["entry/description"][()].decode(),
+        )
 
 
 def _write_axes(data: h5py.Group, cube: SpectralCube) -> None:
@@ -91,30 +106,6 @@ def _write_picture(data: h5py.Group, name: str, values: Any, unit: str, words: s
     for axis, scale in enumerate(("wavelength", "y", "x")):
         made.dims[axis].label = scale
         made.dims[axis].attach_scale(data[scale])
-
-
-def _read_cube(path: Path, file: h5py.File) -> SpectralCube:
-    """Read a cube from an open file; raise UserError if that is of another kind."""
-    kind = file["entry/definition"][()].decode() if "entry/definition" in file else "unknown"
-    if kind != DEFINITION:
-        raise UserError(
-            f"is an HDF5 file of kind {kind!r}, and not a spectral cube. Give a cube that labapp "
-            "wrote, or an ENVI header, .hdr"
-        )
-    data = file["entry/data"]
-    unit = data["wavelength"].attrs["units"]
-    if unit != "m":
-        raise UserError(f"wavelengths are in {unit!r}; a cube has metres, 'm'")
-    pitch = data.attrs.get("pixel_pitch")
-    return SpectralCube(
-        _stored_values(path, data, "values"),
-        tuple(data["wavelength"][()].tolist()),
-        str(data["values"].attrs["units"]),
-        _stored_values(path, data, "error") if "error" in data else None,
-        file["entry/light"][()].decode(),
-        None if pitch is None else float(pitch),
-        file["entry/description"][()].decode(),
-    )
 
 
 def _stored_values(path: Path, data: h5py.Group, name: str) -> StoredValues:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,20 +28,15 @@ Window = tuple[Sequence[int], range, range]
 """Bands in the order in which they are wanted, and rows and columns, one after the other."""
 
 
-@dataclass(frozen=True)
-class FileState:
-    """Size in bytes of a file, and when it was written last, in nanoseconds."""
+def file_state(path: Path) -> tuple[int, int]:
+    """Return the size of a file, bytes, and when it was written last, nanoseconds.
 
-    size: int
-    written: int
-
-
-def file_state(path: Path) -> FileState:
-    """Return a file's state; raise UserError if it can't be read, or is all holes."""
+    Raises UserError if it can't be read, or is all holes.
+    """
     with open_regular(path, MOST_CUBE_BYTES) as file:
         found = os.fstat(file.fileno())
         require_no_holes(path, found)
-        return FileState(found.st_size, found.st_mtime_ns)
+        return found.st_size, found.st_mtime_ns
 
 
 class StoredValues(NDArrayOperatorsMixin):

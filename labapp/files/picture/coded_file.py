@@ -18,21 +18,32 @@ from numpy.typing import NDArray
 from labapp.common.library_text import collect_library_text
 from labapp.files.exif import Exif
 from labapp.files.guarded_reading import require_memory
+from labapp.files.picture.boxed_formats import (
+    exif_of_heif,
+    exif_of_jpeg_xl,
+    heif_encoding,
+    orientation_of_heif,
+    read_jpeg_xl_header,
+)
 from labapp.files.picture.encoding import Statement, statement_of
-from labapp.files.picture.exif_in_files import (
+from labapp.files.picture.file_parts import (
+    count_gif_frames,
     exif_of_jpeg,
     exif_of_png,
     exif_of_webp,
+    jpeg_segments,
+    riff_chunks,
 )
-from labapp.files.picture.file_parts import count_gif_frames, jpeg_segments, riff_chunks
 from labapp.files.picture.headers import Header
-from labapp.files.picture.heif import exif_of_heif, heif_encoding, orientation_of_heif
 from labapp.files.picture.icc import icc_encoding
-from labapp.files.picture.inks import INKS_TURNED, inks_to_colours
-from labapp.files.picture.jpeg_xl import exif_of_jpeg_xl, read_jpeg_xl_header
-from labapp.files.picture.refusal import refuse_picture
 from labapp.files.picture.stated_encoding import icc_of_jpeg, icc_of_webp, is_drawing, png_encoding
-from labapp.files.picture.stored import ALPHA_LEFT_OUT, StoredPicture
+from labapp.files.picture.stored import (
+    ALPHA_LEFT_OUT,
+    INKS_TURNED,
+    StoredPicture,
+    inks_to_colours,
+    refuse_picture,
+)
 
 _MOST_SCANS = 100
 """Scans of a progressive JPEG, each of which goes over the whole picture. Encoders write about 10
@@ -106,7 +117,13 @@ def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
     what = f"a picture of {header.width} x {header.height} pixels by its header"
     require_memory(path, len(data), size, what, pixels=header.width * header.height)
     if header.kind == "JPEG":
-        _require_whole_jpeg(path, data)
+        # Decoders fill a JPEG that ends early with grey. Thumbnails have ends of their own.
+        scan = 2 + sum(4 + len(content) for _, content in jpeg_segments(data))
+        if data.find(_END, scan) < 0:
+            raise refuse_picture(path, "a JPEG that is cut short", "Get the original.")
+        if data.count(_SCAN) > _MOST_SCANS:
+            what = f"a JPEG of more than {_MOST_SCANS} scans, as no program writes"
+            raise refuse_picture(path, what, "Save it anew.")
     if header.kind == "PNG" and is_drawing(data):
         what = "a drawing that labapp made to look at, and holds no light"
         raise refuse_picture(path, what, "Give the .npy, .tiff or .h5 of what it shows.")
@@ -122,25 +139,12 @@ def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
         encoding=stated.encoding,
         encoding_source=stated.source,
         encoding_refusal=stated.refusal,
-        pages=1,
         orientation=_orientation(data, header, exif),
         exif=exif,
         is_lossy=header.is_lossy is not False,
         kind=header.kind if header.bits in (None, 8) else f"{header.bits}-bit {header.kind}",
         notes=(*notes, *stated.notes, *_further_pictures(data, header)),
     )
-
-
-def _require_whole_jpeg(path: Path, data: bytes) -> None:
-    """Raise UserError for a JPEG that ends early, which decoders fill with grey, or takes long."""
-    # Thumbnails in segments have ends of their own.
-    scan = 2 + sum(4 + len(content) for _, content in jpeg_segments(data))
-    if data.find(_END, scan) < 0:
-        raise refuse_picture(path, "a JPEG that is cut short", "Get the original.")
-    if data.count(_SCAN) > _MOST_SCANS:
-        raise refuse_picture(
-            path, f"a JPEG of more than {_MOST_SCANS} scans, as no program writes", "Save it anew."
-        )
 
 
 def _decode(path: Path, data: bytes, header: Header) -> Samples:
@@ -168,10 +172,7 @@ def _decode(path: Path, data: bytes, header: Header) -> Samples:
 
 
 def _require_sound_jpeg(path: Path, data: bytes) -> None:
-    """Raise UserError for a JPEG of fewer rows than its header says; the rest is one colour.
-
-    Only OpenCV's decoder says so.
-    """
+    """Raise UserError for a JPEG of fewer rows than its header says, as only OpenCV tells."""
     import cv2
 
     with collect_library_text(_LIBRARY_TEXT) as said:
@@ -232,12 +233,9 @@ def _encoding(data: bytes, header: Header) -> Statement:
         return png_encoding(data)
     if header.kind == "AVIF":
         return heif_encoding(data)
-    profile = {"JPEG": icc_of_jpeg, "WebP": icc_of_webp}.get(header.kind, _no_profile)(data)
+    read = {"JPEG": icc_of_jpeg, "WebP": icc_of_webp}.get(header.kind)
+    profile = read(data) if read is not None else None
     return Statement(None) if profile is None else icc_encoding(profile)
-
-
-def _no_profile(data: bytes) -> None:
-    """Return the colour profile of formats that have none here."""
 
 
 _EXIF = {

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.console import print_message
 from labapp.common.errors import UserError
-from labapp.files.picture.encoding import SRGB, Encoding, encode_srgb
+from labapp.files.picture.encoding import SRGB, Encoding, encode_srgb, parse_encoding
 from labapp.files.picture.photograph import read_photograph
 
 Colours = NDArray[np.uint8]
@@ -76,3 +77,22 @@ def _require_light(path: Path, light: NDArray[np.float32]) -> None:
             f"{path}: has values down to {light.min():.3g}, and light isn't negative. Cut them "
             "off at 0 before it is shown."
         )
+
+
+_pictures: WeakValueDictionary[tuple[str, int, str], NDArray[np.float32]] = WeakValueDictionary()
+"""Pictures by path, time of the last change and encoding, kept while a target refers to them."""
+
+
+def cached_picture(file: str, encoding: str | None = None) -> NDArray[np.float32]:
+    """Return a picture as linear red, green and blue; read it again only if it has changed."""
+    try:
+        changed = Path(file).stat().st_mtime_ns
+    except OSError:
+        changed = 0
+    which = (file, changed, encoding or "")
+    found = _pictures.get(which)
+    if found is None:
+        found = _pictures[which] = read_scene_picture(
+            Path(file), parse_encoding(encoding) if encoding else None
+        )
+    return found

@@ -125,14 +125,26 @@ def decode_levels(levels: Numbers, white: float | None, encoding: Encoding) -> N
     if encoding.name == "linear":
         return np.divide(levels, scale, dtype=np.float32, casting="unsafe")
     light = np.empty(levels.shape, np.float32)
-    tables = _tables(levels.dtype, scale, encoding)
+    # The light of every integer of up to 16 bits, (curves, integers).
+    tables = None
+    if levels.dtype.kind == "u" and levels.dtype.itemsize <= _TABLE_BYTES:
+        every = np.arange(np.iinfo(levels.dtype).max + 1) / scale
+        count = 1 if encoding.curves is None else len(encoding.curves)
+        every = np.broadcast_to(every, (count, every.size))
+        tables = encoding.to_light(every).astype(np.float32)
+        if 1 < count != len(levels):
+            raise UserError(
+                f"an ICC profile of {count} colours belongs to a grey picture; convert it."
+            )
+        tables = np.broadcast_to(tables, (len(levels), every.shape[1]))
     rows = max(1, _BLOCK // max(1, levels[:, 0].size))
     for start in range(0, levels.shape[1], rows):
         part = slice(start, start + rows)
         if tables is None:
             light[:, part] = encoding.to_light(levels[:, part].astype(np.float64) / scale)
         else:
-            light[:, part] = _look_up(tables, levels[:, part])
+            for band, table in enumerate(tables):
+                light[band, part] = table[levels[band, part]]
     return light
 
 
@@ -241,30 +253,6 @@ def _each_band(values: Numbers, numbers: Numbers, nodes: Numbers) -> Numbers:
     elif numbers.ndim < 2 or len(numbers) != count:
         raise UserError(f"an ICC profile of {count} colours belongs to a grey picture; convert it.")
     else:
-        found = np.stack(
-            [
-                np.interp(one, nodes[k % len(nodes)], values[k % len(values)])
-                for k, one in enumerate(numbers)
-            ]
-        )
+        curves = np.broadcast_arrays(nodes, values)
+        found = np.stack([np.interp(*one) for one in zip(numbers, *curves, strict=True)])
     return found.astype(np.float32 if numbers.dtype == np.float32 else np.float64, copy=False)
-
-
-def _tables(kind: np.dtype[Any], scale: float, encoding: Encoding) -> NDArray[np.float32] | None:
-    """Return the light of every integer of up to 16 bits, (curves, integers); else None."""
-    if kind.kind != "u" or kind.itemsize > _TABLE_BYTES:
-        return None
-    every = np.arange(np.iinfo(kind).max + 1) / scale
-    count = 1 if encoding.curves is None else len(encoding.curves)
-    return encoding.to_light(np.broadcast_to(every, (count, every.size))).astype(np.float32)
-
-
-def _look_up(tables: NDArray[np.float32], levels: Numbers) -> NDArray[np.float32]:
-    """Return the light of integer levels, (bands, rows, columns), from one table or one a band."""
-    if len(tables) == 1:
-        return tables[0][levels]
-    if len(levels) != len(tables):
-        raise UserError(
-            f"an ICC profile of {len(tables)} colours belongs to a grey picture; convert it."
-        )
-    return np.stack([table[band] for table, band in zip(tables, levels, strict=True)])

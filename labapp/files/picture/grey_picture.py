@@ -11,8 +11,6 @@ from labapp.common.errors import UserError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from labapp.files.picture.photograph import Photograph
-
 CHANNELS = ("red", "green", "blue")
 
 
@@ -36,20 +34,14 @@ def read_grey_picture(
             f"note: {path}: is a {picture.kind}, whose compression changes numbers: {use} isn't "
             "shown as it was drawn. Save it as PNG."
         )
-    return _one_band(picture, use, channel, remedy)
-
-
-def _one_band(picture: Photograph, use: str, channel: str | None, remedy: str) -> NDArray[Any]:
-    """Return the band of a grey picture, or the channel that is named of one in colour."""
     bands = picture.levels
     if channel is not None:
         if len(bands) == 1:
-            raise UserError(f"{picture.path}: is grey. Leave the channel {channel!r} out.")
+            raise UserError(f"{path}: is grey. Leave the channel {channel!r} out.")
         return bands[CHANNELS.index(channel)]
     first, *others = bands
     if any((one != first).any() for one in others):
         raise UserError(
-            f"{picture.path}: is in colour, and {use} has one number a pixel. Save it in grey"
-            f"{remedy}."
+            f"{path}: is in colour, and {use} has one number a pixel. Save it in grey{remedy}."
         )
     return first

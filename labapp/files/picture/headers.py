@@ -6,9 +6,9 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from labapp.files.picture.boxed_formats import STARTS as JPEG_XL
+from labapp.files.picture.boxed_formats import read_jpeg_xl_header
 from labapp.files.picture.file_parts import jpeg_segments
-from labapp.files.picture.jpeg_xl import STARTS as JPEG_XL
-from labapp.files.picture.jpeg_xl import read_jpeg_xl_header
 
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """JPEG's markers of a frame header, which has the size (ITU-T T.81, table B.1)."""
@@ -21,12 +21,9 @@ _LOSSLESS = frozenset({0xC3, 0xC7, 0xCB, 0xCF})
 
 @dataclass(frozen=True)
 class Header:
-    """Kind and size of a picture by its first bytes.
+    """Kind (in words) and size in pixels of a picture by its first bytes.
 
-    kind: format in words.
-    width, height: pixels.
-    bits: of each sample, None where it isn't said.
-    is_lossy: whether the format's way of compressing loses something; None where it isn't said.
+    bits: of each sample. is_lossy: whether the compression loses something. None: not said.
     """
 
     kind: str
@@ -94,18 +91,6 @@ def _webp(data: bytes) -> Header | None:
     return None
 
 
-def _gif(data: bytes) -> Header:
-    return Header("GIF", *struct.unpack_from("<HH", data, 6))
-
-
-def _sun_raster(data: bytes) -> Header:
-    return Header("Sun raster", *struct.unpack_from(">II", data, 4))
-
-
-def _qoi(data: bytes) -> Header:
-    return Header("QOI", *struct.unpack_from(">II", data, 4))
-
-
 def _jpeg_2000(data: bytes) -> Header:
     """Parse the codestream of JPEG 2000 (ITU-T T.800, annex A)."""
     at = data.index(b"\xff\x4f\xff\x51") + 4
@@ -145,6 +130,11 @@ def _jpeg_xl(data: bytes) -> Header | None:
     return Header("JPEG XL", found.width, found.height, found.bits, None)
 
 
+def _sized(kind: str, form: str, at: int) -> Callable[[bytes], Header]:
+    """Return what reads nothing but a size, which stands at a place of the file."""
+    return lambda data: Header(kind, *struct.unpack_from(form, data, at))
+
+
 def _begins(*starts: bytes) -> Callable[[bytes], bool]:
     return lambda data: data.startswith(starts)
 
@@ -154,12 +144,12 @@ _READERS: tuple[tuple[Callable[[bytes], bool], Callable[[bytes], Header | None]]
     (_begins(b"\xff\xd8\xff"), _jpeg),
     (_begins(b"BM"), _bmp),
     (lambda data: data[:4] == b"RIFF" and data[8:12] == b"WEBP", _webp),
-    (_begins(b"GIF87a", b"GIF89a"), _gif),
+    (_begins(b"GIF87a", b"GIF89a"), _sized("GIF", "<HH", 6)),
     (_begins(b"\0\0\0\x0cjP  \r\n\x87\n", b"\xff\x4f\xff\x51"), _jpeg_2000),
     (_begins(*JPEG_XL), _jpeg_xl),
     (lambda data: data[4:12] in (b"ftypavif", b"ftypavis"), _avif),
     (_begins(b"II\xbc\x01"), _jpeg_xr),
-    (_begins(b"qoif"), _qoi),
-    (_begins(b"\x59\xa6\x6a\x95"), _sun_raster),
+    (_begins(b"qoif"), _sized("QOI", ">II", 4)),
+    (_begins(b"\x59\xa6\x6a\x95"), _sized("Sun raster", ">II", 4)),
 )
 """How the files of each format begin, and what reads their header."""

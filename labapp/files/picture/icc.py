@@ -52,9 +52,8 @@ def icc_encoding(profile: bytes) -> Statement:
     if tags is None:
         return Statement(None, "", ("its ICC profile is damaged and was passed over",))
     name = _describe(tags)
-    curves = [tags[tag] for tag in _COLOUR_CURVES if tag in tags] or [
-        tags[tag] for tag in (b"kTRC",) if tag in tags
-    ]
+    names = [tag for tag in _COLOUR_CURVES if tag in tags] or [b"kTRC"]
+    curves = [tags[tag] for tag in names if tag in tags]
     if not curves and any(tag in tags for tag in _TABLES):
         raise UserError(
             f"its ICC profile {name} has a table of colours instead of curves, from which labapp "
@@ -68,9 +67,8 @@ def icc_encoding(profile: bytes) -> Statement:
 
 
 def icc_profile(encoding: Encoding, bands: int = 3) -> bytes:
-    """Return a small ICC profile of version 4 for linear or sRGB light with sRGB's primaries.
+    """Return a small ICC profile of version 4 for linear or sRGB light, grey or with sRGB's bands.
 
-    bands: 3, or 1 for the profile of a grey picture.
     Raises ValueError for other encodings.
     """
     if encoding.name not in ("linear", "srgb"):
@@ -138,7 +136,7 @@ def _parse_curve(tag: bytes) -> Encoding | NDArray[np.float64] | None:
             values = np.array(struct.unpack_from(f">{count}H", tag, 12))
             if count == 1:
                 return gamma_encoding(values[0] / 256) if values[0] else None
-            light = np.interp(_levels(), np.linspace(0, 1, count), values / 65535)
+            light = np.interp(np.linspace(0, 1, _NODES), np.linspace(0, 1, count), values / 65535)
             return light if light[-1] > light[0] else None
         if tag[:4] == b"para":
             (kind,) = struct.unpack_from(">H", tag, 8)
@@ -149,20 +147,12 @@ def _parse_curve(tag: bytes) -> Encoding | NDArray[np.float64] | None:
     return None
 
 
-def _parametric(
-    kind: int,
-    g: float,
-    a: float = 1.0,
-    b: float = 0.0,
-    c: float = 0.0,
-    d: float = 0.0,
-    e: float = 0.0,
-    f: float = 0.0,
-) -> Encoding | NDArray[np.float64] | None:
+def _parametric(kind: int, *numbers: float) -> Encoding | NDArray[np.float64] | None:
     """Return a parametric curve's light at all nodes (ICC.1:2022, table 68), clipped to 0 to 1.
 
     With X for the level, it is (aX + b)^g + e from X = d on, and cX + f below.
     """
+    g, a, b, c, d, e, f = (*numbers, *(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)[len(numbers) :])
     if g <= 0 or (a == 0 and kind in (1, 2)):
         return None
     if kind == 0:
@@ -170,15 +160,11 @@ def _parametric(
     if kind in (1, 2):
         # Below, kind 1 is 0, and kind 2 the constant that kind 1 adds nothing of.
         d, e, f, c = -b / a, c if kind == 2 else 0.0, c if kind == 2 else 0.0, 0.0
-    levels = _levels()
+    levels = np.linspace(0, 1, _NODES)
     with np.errstate(all="ignore"):
         power = np.maximum(a * levels + b, 0) ** g + e
         light = np.clip(np.where(levels >= d, power, c * levels + f), 0, 1)
     return light if light[-1] > light[0] else None
-
-
-def _levels() -> NDArray[np.float64]:
-    return np.linspace(0, 1, _NODES)
 
 
 def _name_curves(curves: list[Encoding | NDArray[np.float64]]) -> Encoding:
@@ -188,30 +174,29 @@ def _name_curves(curves: list[Encoding | NDArray[np.float64]]) -> Encoding:
         isinstance(one, Encoding) and one.name == first.name for one in curves
     ):
         return first
+    levels = np.linspace(0, 1, _NODES)
     tables = np.stack(
-        [one.to_light(_levels()) if isinstance(one, Encoding) else one for one in curves]
+        [one.to_light(levels) if isinstance(one, Encoding) else one for one in curves]
     )
     for known, steps in ((LINEAR, 65535), (SRGB, 255), (BT709, 255)):
         # Half a step is what rounding to levels changes.
-        if np.abs(known.from_light(tables) - _levels()).max() <= 0.5 / steps:
+        if np.abs(known.from_light(tables) - levels).max() <= 0.5 / steps:
             return known
     return Encoding("icc", tables[:1] if (tables == tables[0]).all() else tables)
 
 
 def _note_primaries(tags: dict[bytes, bytes], name: str) -> tuple[str, ...]:
     """Return a note if a profile's primary colours aren't sRGB's; light stays in them."""
-    places = {tag: _parse_xyz(tags.get(tag, b"")) for tag in PRIMARIES}
-    found = [(tags_place, PRIMARIES[tag]) for tag, tags_place in places.items() if tags_place]
-    if all(np.allclose(one, same, rtol=0, atol=_SAME_PRIMARIES) for one, same in found):
+    for name_of, primary in PRIMARIES.items():
+        tag = tags.get(name_of, b"")
+        if tag[:4] != b"XYZ " or len(tag) < 20:
+            continue
+        place = [one / 65536 for one in struct.unpack_from(">3i", tag, 8)]
+        if not np.allclose(place, primary, rtol=0, atol=_SAME_PRIMARIES):
+            break
+    else:
         return ()
     return (f"its colours are those of its ICC profile {name}, and not sRGB's; they are kept",)
-
-
-def _parse_xyz(tag: bytes) -> tuple[float, ...] | None:
-    """Return a colour from a profile's tag; None if it isn't there."""
-    if tag[:4] != b"XYZ " or len(tag) < 20:
-        return None
-    return tuple(one / 65536 for one in struct.unpack_from(">3i", tag, 8))
 
 
 def _describe(tags: dict[bytes, bytes]) -> str:

@@ -44,13 +44,9 @@ _TUPLES = {
 
 @dataclass(frozen=True)
 class _Header:
-    """What a header says of the numbers behind it.
-
-    depth: samples of a pixel.
-    bands: how many of them are light.
-    white: highest level.
-    scale: PFM's, whose sign tells the order of bytes.
-    start: place of the pixels.
+    """What a header says of the numbers behind it: samples of a pixel (depth), how many of them
+    are light (bands), the highest level (white), PFM's scale, whose sign tells the order of bytes,
+    and the place of the pixels (start).
     """
 
     magic: bytes
@@ -105,14 +101,7 @@ def read_netpbm(path: Path, data: bytes, page: int = 0) -> StoredPicture:
         return StoredPicture(values, kind, header.white, pages=len(headers), notes=tuple(notes))
     if abs(header.scale) != 1:
         notes.append(f"its scale of {abs(header.scale):g} was not applied, since programs differ")
-    return StoredPicture(
-        values,
-        name,
-        encoding=LINEAR,
-        encoding_source="its format",
-        pages=len(headers),
-        notes=tuple(notes),
-    )
+    return StoredPicture(values, name, None, LINEAR, "its format", len(headers), notes=tuple(notes))
 
 
 def count_netpbm_pages(path: Path, data: bytes) -> int:
@@ -142,7 +131,12 @@ def _read_header(path: Path, data: bytes, at: int) -> _Header:
     columns, rows = (_whole(path, one) for one in words[:2])
     white, scale = 1, 1.0
     if magic in _FLOATS:
-        scale = _scale(path, words[2])
+        try:
+            scale = float(words[2])
+        except ValueError:
+            scale = math.nan
+        if not math.isfinite(scale) or scale == 0:
+            raise _damaged(path, f"its scale is {quote(words[2].decode('latin-1'))}")
     elif magic not in _BITS:
         white = _white(path, words[2])
     bands = 3 if magic in _COLOURS else 1
@@ -232,21 +226,9 @@ def _whole(path: Path, word: bytes) -> int:
 
 def _white(path: Path, word: bytes) -> int:
     """Return the highest level that a header states."""
-    white = _whole(path, word)
-    if white > _MOST_WHITE:
+    if (white := _whole(path, word)) > _MOST_WHITE:
         raise _damaged(path, f"its highest level is {white}, above {_MOST_WHITE}")
     return white
-
-
-def _scale(path: Path, word: bytes) -> float:
-    """Return the scale of a PFM header, whose sign tells the order of bytes."""
-    try:
-        scale = float(word)
-    except ValueError:
-        scale = math.nan
-    if not math.isfinite(scale) or scale == 0:
-        raise _damaged(path, f"its scale is {quote(word.decode('latin-1'))}")
-    return scale
 
 
 def _damaged(path: Path, why: str) -> UserError:

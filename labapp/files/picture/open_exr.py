@@ -1,8 +1,14 @@
-"""OpenEXR: which channels of which part are light, and what the header says of them."""
+"""OpenEXR: which channels of which part are light, and what the header says of them.
+
+Its library prints what it thinks of damaged files, and then leaves parts out without an error. What
+it says is kept from the terminal, and is the error.
+"""
 
 from __future__ import annotations
 
+import io
 import math
+import re
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -11,15 +17,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.common.library_text import collect_library_text
 from labapp.common.plain_text import printable_line, quote
 from labapp.files.exif import Exif
 from labapp.files.guarded_reading import require_memory
 from labapp.files.picture.encoding import LINEAR
-from labapp.files.picture.exr_library import damaged_exr, open_exr
 from labapp.files.picture.stored import StoredPicture
 
-OPEN_EXR = b"v/1\x01"
-"""First bytes of OpenEXR (openexr.com, "File Layout")."""
+_SAID = re.compile(rb"[^\n]*\(EXR_ERR_\w+\)[^\n]*\n?|Warning: Exception raised reading[^\n]*\n?")
+"""Lines that the library prints of damaged files."""
+
+
+def open_exr(path: Path, data: bytes, header_only: bool) -> list[Any]:
+    """Return a file's parts as the library reads them; UserError if it finds damage."""
+    import OpenEXR
+
+    with collect_library_text(_SAID) as said:
+        try:
+            file = OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=header_only)
+            parts = list(file.parts)
+        # Damage also leads to texts that aren't UTF-8, and to sizes that no memory holds.
+        except (RuntimeError, ValueError, TypeError, MemoryError, OSError) as error:
+            raise damaged_exr(path) from error
+    if said or not parts:
+        raise damaged_exr(path)
+    return parts
+
+
+def encode_open_exr(light: NDArray[np.float32]) -> bytes:
+    """Return the bytes of light as OpenEXR, (1 or 3, rows, columns), exact in float32.
+
+    One band is written as luminance (Y), three as R, G and B with the primaries of sRGB.
+    """
+    import OpenEXR
+
+    names = ("R", "G", "B") if len(light) == 3 else ("Y",)
+    channels = {
+        name: OpenEXR.Channel(np.ascontiguousarray(band, dtype=np.float32))
+        for name, band in zip(names, light, strict=True)
+    }
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    file = io.BytesIO()
+    OpenEXR.File(header, channels).write(file)
+    return file.getvalue()
+
+
+def damaged_exr(path: Path) -> UserError:
+    """Return the error that says that an OpenEXR file is damaged."""
+    return UserError(f"{path}: is a damaged or incomplete OpenEXR file. Get it again.")
+
 
 _COLOURS, _CHROMA = ("R", "G", "B"), ("RY", "BY")
 
@@ -54,7 +100,11 @@ def read_open_exr(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     if not 0 <= page < len(headers):
         raise UserError(f"{path}: holds {len(headers)} pictures, counted from 0. Name one of them.")
     header = headers[page]
-    _require_flat(path, header)
+    if "deep" in getattr(header.get("type"), "name", ""):
+        raise UserError(
+            f"{path}: is a deep OpenEXR file, with several samples a pixel. Flatten it in the "
+            "program that made it."
+        )
     names, notes = _choose_channels(path, header["channels"])
     _require_size(path, data, headers)
     values = _read_channels(path, data, len(headers), page, names)
@@ -66,15 +116,10 @@ def read_open_exr(path: Path, data: bytes, page: int = 0) -> StoredPicture:
         compression == _LOSSY_FOR_FLOATS and values.dtype == np.float32
     )
     return StoredPicture(
-        values,
-        f"OpenEXR, {kind}",
-        encoding=LINEAR,
-        encoding_source="its format",
-        pages=len(headers),
-        exif=_exposure(header),
-        is_lossy=is_lossy,
+        values, f"OpenEXR, {kind}", None, LINEAR, "its format", len(headers),
+        exif=_exposure(header), is_lossy=is_lossy,
         notes=tuple(notes + _note_windows(header) + _note_colours(header)),
-    )
+    )  # fmt: skip
 
 
 def count_exr_pages(path: Path, data: bytes) -> int:
@@ -95,20 +140,10 @@ def _read_headers(path: Path, data: bytes) -> list[dict[str, Any]]:
     return headers
 
 
-def _require_flat(path: Path, header: dict[str, Any]) -> None:
-    """Raise UserError if a part has several samples a pixel."""
-    kind = getattr(header.get("type"), "name", "")
-    if "deep" in kind:
-        raise UserError(
-            f"{path}: is a deep OpenEXR file, with several samples a pixel. Flatten it in the "
-            "program that made it."
-        )
-
-
 def _choose_channels(path: Path, channels: list[Any]) -> tuple[tuple[str, ...], list[str]]:
     """Return the names of the channels of light, and notes of what is left out."""
     names = [channel.name for channel in channels]
-    wanted, notes = _picture_channels(path, names)
+    wanted, notes = _find_light(path, names)
     if any((one.xSampling, one.ySampling) != (1, 1) for one in channels if one.name in wanted):
         raise UserError(
             f"{path}: is an OpenEXR file whose channels have fewer samples than pixels. Save it "
@@ -125,7 +160,7 @@ def _choose_channels(path: Path, channels: list[Any]) -> tuple[tuple[str, ...], 
     return wanted, notes
 
 
-def _picture_channels(path: Path, names: list[str]) -> tuple[tuple[str, ...], list[str]]:
+def _find_light(path: Path, names: list[str]) -> tuple[tuple[str, ...], list[str]]:
     """Return the channels of light among a part's channels: R, G and B, Y, or the only one."""
     if set(_COLOURS) <= set(names):
         return _COLOURS, []
@@ -176,13 +211,6 @@ def _size(header: dict[str, Any], window: str) -> tuple[int, int]:
     return bottom - top + 1, right - left + 1
 
 
-def _describe(header: dict[str, Any], window: str) -> str:
-    """Return size and place of a part's window in words."""
-    rows, columns = _size(header, window)
-    left, top = (int(one) for one in header[window][0])
-    return f"{columns} x {rows} pixels from column {left} and row {top} on"
-
-
 def _read_channels(
     path: Path, data: bytes, count: int, page: int, names: tuple[str, ...]
 ) -> NDArray[Any]:
@@ -216,20 +244,20 @@ def _exposure(header: dict[str, Any]) -> Exif | None:
     except ValueError:
         taken = None
     found = Exif(
-        positive("expTime"),
-        positive("aperture"),
-        positive("isoSpeed"),
-        maker=text("cameraMake"),
-        model=text("cameraModel"),
-        taken=taken,
-    )
+        positive("expTime"), positive("aperture"), positive("isoSpeed"),
+        maker=text("cameraMake"), model=text("cameraModel"), taken=taken,
+    )  # fmt: skip
     return None if found == Exif() else found
 
 
 def _note_windows(header: dict[str, Any]) -> list[str]:
     """Return notes if the pixels that a part has aren't those that it's meant to show."""
-    notes = []
-    found, shown = (_describe(header, name) for name in ("dataWindow", "displayWindow"))
+    notes, told = [], []
+    for window in ("dataWindow", "displayWindow"):
+        rows, columns = _size(header, window)
+        left, top = (int(one) for one in header[window][0])
+        told.append(f"{columns} x {rows} pixels from column {left} and row {top} on")
+    found, shown = told
     if found != shown:
         notes.append(f"all its {found} were read, of which it means to show {shown}")
     aspect = float(header.get("pixelAspectRatio", 1.0))

@@ -1,4 +1,4 @@
-"""Open a picture of any format by what its bytes are, whatever its name ends in."""
+"""Open a picture of any format by what its bytes are, or say what it is instead."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.picture.headers import find_header
-from labapp.files.picture.netpbm import is_netpbm
-from labapp.files.picture.other_formats import name_format
+from labapp.files.picture.netpbm import count_netpbm_pages, is_netpbm, read_netpbm
 from labapp.files.picture.stored import StoredPicture
-from labapp.files.raw.recognition import is_raw
+from labapp.files.raw import is_raw, read_raw
 from labapp.files.tiff_directories import is_tiff
 
 FORMATS = (
@@ -21,6 +20,7 @@ FORMATS = (
 
 _FITS, _OPEN_EXR = b"SIMPLE  =", b"\x76\x2f\x31\x01"
 _RADIANCE = (b"#?RADIANCE", b"#?RGBE", b"#?AUTOPANO")
+"""First bytes of FITS (section 4.4.1.1), of OpenEXR ("File Layout") and of Radiance HDR."""
 
 
 def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
@@ -30,7 +30,12 @@ def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     Raises UserError, which says what the file is, if it can't be read rightly.
     """
     if is_raw(data, path):
-        raise _mosaic_refused(path, data)
+        # What is wrong with the file comes first.
+        kind = read_raw(path, data).kind
+        raise UserError(
+            f"{path}: is a RAW file ({kind}). labapp reconstruct and labapp merge take it; here, "
+            "give a picture that was developed from it, such as a 16-bit TIFF."
+        )
     if is_tiff(data):
         from labapp.files.picture.tiff_file import read_tiff
 
@@ -40,25 +45,13 @@ def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
         from labapp.files.picture.coded_file import read_coded
 
         return read_coded(path, data, header)
-    read = _other_reader(data)
-    if read is None:
+    reader = _find_reader(data)
+    if reader is None:
         raise UserError(
             f"{path}: is not a picture that can be read: it is {name_format(data, path.suffix)}. "
             f"Give a {FORMATS}."
         )
-    return read(path, data, page)
-
-
-def _mosaic_refused(path: Path, data: bytes) -> UserError:
-    """Return the error that says what a RAW file is, where a developed picture is meant."""
-    from labapp.files.raw import read_raw
-
-    # What is wrong with the file comes first.
-    kind = read_raw(path, data).kind
-    return UserError(
-        f"{path}: is a RAW file ({kind}). labapp reconstruct and labapp merge take it; here, give "
-        "a picture that was developed from it, such as a 16-bit TIFF."
-    )
+    return reader[0](path, data, page)
 
 
 def count_pages(path: Path, data: bytes) -> int:
@@ -67,37 +60,87 @@ def count_pages(path: Path, data: bytes) -> int:
         from labapp.files.picture.tiff_file import count_tiff_pages
 
         return count_tiff_pages(data)
+    reader = _find_reader(data)
+    return 1 if reader is None else reader[1](path, data)
+
+
+def _find_reader(
+    data: bytes,
+) -> tuple[Callable[[Path, bytes, int], StoredPicture], Callable[[Path, bytes], int]] | None:
+    """Return what reads and what counts pictures of light or plain numbers; None for others."""
     if data.startswith(_OPEN_EXR):
-        from labapp.files.picture.open_exr import count_exr_pages
+        from labapp.files.picture.open_exr import count_exr_pages, read_open_exr
 
-        return count_exr_pages(path, data)
-    if data.startswith(_FITS):
-        from labapp.files.picture.fits import count_fits_pages
-
-        return count_fits_pages(path, data)
-    if is_netpbm(data):
-        from labapp.files.picture.netpbm import count_netpbm_pages
-
-        return count_netpbm_pages(path, data)
-    return 1
-
-
-def _other_reader(data: bytes) -> Callable[[Path, bytes, int], StoredPicture] | None:
-    """Return the reader of a format that has light or plain numbers; None if it is none of them."""
-    if data.startswith(_OPEN_EXR):
-        from labapp.files.picture.open_exr import read_open_exr
-
-        return read_open_exr
+        return read_open_exr, count_exr_pages
     if data.startswith(_RADIANCE):
         from labapp.files.picture.radiance import read_radiance
 
-        return read_radiance
+        return read_radiance, lambda path, data: 1
     if data.startswith(_FITS):
-        from labapp.files.picture.fits import read_fits
+        from labapp.files.picture.fits import count_fits_pages, read_fits
 
-        return read_fits
-    if is_netpbm(data):
-        from labapp.files.picture.netpbm import read_netpbm
+        return read_fits, count_fits_pages
+    return (read_netpbm, count_netpbm_pages) if is_netpbm(data) else None
 
-        return read_netpbm
-    return None
+
+_STARTS = (
+    (b"\xff\xd8\xff", "a damaged JPEG"),
+    (b"\x89PNG", "a damaged PNG"),
+    (b"8BPS", "a Photoshop document (PSD)"),
+    (b"%PDF", "a PDF"),
+    (b"%!PS", "PostScript"),
+    (b"gimp xcf", "a GIMP document (XCF)"),
+    (b"DDS ", "a DirectDraw surface (DDS)"),
+    (b"\0\0\1\0", "an icon (ICO)"),
+    (b"\x0a\x05\x01", "a PCX picture"),
+    (b"\x01\xda", "an SGI picture"),
+    (b"BPG\xfb", "a BPG picture"),
+    (b"FLIF", "a FLIF picture"),
+    (b"\0\0\0\x0cJXS ", "a JPEG XS picture"),
+    (b"AT&TFORM", "a DjVu document"),
+    (b"\x8aMNG", "an MNG animation"),
+    (b"\x8bJNG", "a JNG picture"),
+    (b"XISF0100", "a picture of PixInsight (XISF)"),
+    (b"LUCAM-RECORDER", "a video of planets (SER)"),
+    (b"\x93NUMPY", "an array of NumPy; its name must end in .npy"),
+    (b"PK\x03\x04", "a ZIP archive, such as .npz"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"\x89HDF", "an HDF5 file"),
+    (b"MATLAB 5.0", "a MATLAB file"),
+    (b"OggS", "a video"),
+    (b"\x1aE\xdf\xa3", "a video"),
+    (b"<?xml", "XML text"),
+    (b"<html", "an HTML page"),
+    (b"<!DOCTYPE", "an HTML page"),
+)
+"""First bytes of formats that aren't read, and their names."""
+
+_BRANDS = {
+    b"heic": "an HEIC picture", b"heix": "an HEIC picture", b"hevc": "an HEIC sequence",
+    b"mif1": "an HEIF picture", b"msf1": "an HEIF sequence", b"crx ": "a Canon RAW picture (CR3)",
+}  # fmt: skip
+"""Brands of files in the ISO base format (ISO 14496-12) that aren't read; others are videos."""
+
+
+def name_format(data: bytes, suffix: str) -> str:
+    """Say in words what isn't read as a picture, by its bytes and its ending."""
+    if not data:
+        return "empty"
+    if b"<svg" in data[:4096]:
+        return "a drawing (SVG)"
+    for start, name in _STARTS:
+        if data.startswith(start):
+            return name
+    if data[4:8] == b"ftyp":
+        return _BRANDS.get(data[8:12], "a video")
+    if data[:4] == b"RIFF" and data[8:12] == b"AVI ":
+        return "a video"
+    if data[128:132] == b"DICM":
+        return "a DICOM picture"
+    if data[344:348] in (b"n+1\0", b"ni1\0"):
+        return "a NIfTI volume"
+    if suffix.lower() == ".tga" or data[-18:-2] == b"TRUEVISION-XFILE":
+        return "a Targa picture (TGA)"
+    if b"\0" not in data[:4096] and data[:4096].isascii():
+        return "text, and no picture"
+    return "of no kind of picture that labapp knows, or damaged"

@@ -17,6 +17,7 @@ from labapp.files.guarded_reading import read_bytes
 from labapp.files.picture.encoding import LINEAR, SRGB, Encoding, decode_levels
 from labapp.files.picture.opening import count_pages, read_stored
 from labapp.files.picture.stored import StoredPicture
+from labapp.files.raw.photograph import saturated_level
 
 Light = NDArray[np.float32]
 
@@ -33,15 +34,11 @@ class Photograph:
     """A photograph as it was read, in the sensor's order.
 
     levels: (bands, rows, columns), the file's numbers; one band, or red, green and blue.
-    encoding: how the levels stand for light.
-    encoding_source: who says so, in words.
+    encoding: how the levels stand for light; encoding_source: who says so, in words.
     white: number of white; None for floating-point numbers.
-    kind: format in words.
     orientation: 1 to 8, as Exif counts them, which is told and never applied, because the PSF that
     belongs to the photograph isn't turned either.
-    is_lossy: whether the file's compression has lost something.
-    exposure: what the camera noted, or None.
-    notes: what was done or left out.
+    exposure: what the camera noted, or None; notes: what was done or left out.
     """
 
     path: Path
@@ -62,14 +59,12 @@ class Photograph:
 
     @property
     def light(self) -> Light:
-        """The levels as linear light.
+        """The levels as linear light: white is 1 for coded ones, linear ones keep their unit.
 
-        White is 1 for coded levels. Linear ones keep the file's unit.
+        Raises UserError if that is too far from 1 for single precision.
         """
-        return self.relative_light if self.is_coded else self._representable_levels()
-
-    def _representable_levels(self) -> Light:
-        """Return the levels; UserError if their unit is too far from 1 for single precision."""
+        if self.is_coded:
+            return self.relative_light
         with np.errstate(over="ignore", under="ignore"):
             light = self.levels.astype(np.float32)
         if self.levels.dtype.kind == "f":
@@ -93,29 +88,15 @@ class Photograph:
         """How the numbers were read, in words, where that isn't plain."""
         if self.orientation == 1:
             return self.notes
-        turned = _TURNS[self.orientation]
-        return (
-            *self.notes,
-            f"by its orientation it is to be shown {turned}; the sensor's order was kept, which "
-            "is that of its PSF",
+        told = (
+            f"by its orientation it is to be shown {_TURNS[self.orientation]}; the sensor's order "
+            "was kept, which is that of its PSF"
         )
+        return (*self.notes, told)
 
     def saturation_level(self) -> float | None:
-        """Find the level at which the sensor's wells were full, or None.
-
-        None means that there is no sign of full wells. The sign is 3 neighbouring pixels at the
-        picture's highest level, if it also has at least twice as many pixels as the level below.
-        """
-        levels = np.where(np.isfinite(self.levels), self.levels, -np.inf)
-        top = levels.max()
-        at = levels == top
-        if at.all() or not (_has_run(at) or _has_run(at.swapaxes(-1, -2))):
-            return None
-        if np.array_equal(levels, np.rint(levels)):
-            below = int((levels == top - 1).sum())
-            if int(at.sum()) < 2.0 * below:
-                return None
-        return float(top)
+        """Find the level at which the sensor's wells were full; None if there is no sign of it."""
+        return saturated_level([*np.where(np.isfinite(self.levels), self.levels, -np.inf)])
 
 
 def read_photograph(
@@ -143,12 +124,12 @@ def read_photograph(
         stored = _read_array(path)
     else:
         stored = read_stored(path, data, _page(path, data, page, page_option))
-    missing = _count_missing(path, stored.values)
+    missing = _note_missing(path, stored.values)
     found, source = _choose_encoding(path, stored, encoding, unstated)
     return Photograph(
         path, np.ascontiguousarray(stored.values), found, source, stored.white, stored.kind,
         stored.orientation, stored.is_lossy, stored.exif,
-        (*stored.notes, *_tell_missing(missing)),
+        (*stored.notes, *missing),
     )  # fmt: skip
 
 
@@ -195,7 +176,16 @@ def _page(path: Path, data: bytes, page: int | None, option: str) -> int:
 
 def _read_array(path: Path) -> StoredPicture:
     """Read an array of NumPy, whose numbers are proportional to light."""
-    values = _only_array(path) if path.suffix.lower() == ".npz" else read_npy(path)
+    if path.suffix.lower() == ".npz":
+        arrays = read_npz(path)
+        if len(arrays) != 1:
+            raise UserError(
+                f"{path}: is an .npz of {len(arrays)} arrays: {', '.join(arrays) or 'none'}. Save "
+                "the one that is meant as .npy."
+            )
+        (values,) = arrays.values()
+    else:
+        values = read_npy(path)
     if values.dtype.kind not in "iuf":
         raise UserError(f"{path}: holds {values.dtype} values. Give real numbers.")
     if values.ndim == 2:
@@ -212,41 +202,15 @@ def _read_array(path: Path) -> StoredPicture:
     return StoredPicture(bands, "array", white, LINEAR, told)
 
 
-def _tell_missing(count: int) -> tuple[str, ...]:
-    """Say in words that pixels are missing."""
-    told = f"{count} of its numbers are infinite or NaN, and count as missing pixels"
-    return (told,) if count else ()
-
-
-def _only_array(path: Path) -> NDArray[Any]:
-    """Return the one array of an .npz; raise UserError if it holds several."""
-    arrays = read_npz(path)
-    if len(arrays) != 1:
-        raise UserError(
-            f"{path}: is an .npz of {len(arrays)} arrays: {', '.join(arrays) or 'none'}. Save the "
-            "one that is meant as .npy."
-        )
-    return next(iter(arrays.values()))
-
-
-def _count_missing(path: Path, values: NDArray[Any]) -> int:
-    """Return how many numbers aren't finite; raise UserError for a picture of no others."""
+def _note_missing(path: Path, values: NDArray[Any]) -> tuple[str, ...]:
+    """Say how many numbers aren't finite; raise UserError for a picture of no others."""
     if not values.size:
         raise UserError(f"{path}: has no pixels. Give a picture.")
     if values.dtype.kind != "f":
-        return 0
+        return ()
     finite = int(np.count_nonzero(np.isfinite(values)))
     if not finite:
         raise UserError(f"{path}: has no finite value. Give a picture.")
-    return values.size - finite
-
-
-def _has_run(at: NDArray[np.bool_]) -> bool:
-    """Return whether 3 neighbouring pixels of a row are set, the sign of full wells."""
-    side = at.shape[-1] - 2
-    if side < 1:
-        return False
-    run = at[..., :side].copy()
-    for step in (1, 2):
-        run &= at[..., step : step + side]
-    return bool(run.any())
+    count = values.size - finite
+    told = f"{count} of its numbers are infinite or NaN, and count as missing pixels"
+    return (told,) if count else ()

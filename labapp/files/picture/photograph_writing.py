@@ -39,7 +39,7 @@ def encode_photograph(path: Path, light: Light, in_srgb: bool, white_level: floa
         write_float_tiff(buffer, light)
         return buffer.getvalue()
     if ending == ".exr":
-        from labapp.files.picture.exr_library import encode_open_exr
+        from labapp.files.picture.open_exr import encode_open_exr
 
         return encode_open_exr(light)
     if ending == ".hdr":
@@ -47,7 +47,10 @@ def encode_photograph(path: Path, light: Light, in_srgb: bool, white_level: floa
 
         return encode_radiance(light)[0]
     shown = _pixels(light) / white_level
-    return encode_png(path, encode_srgb(shown) if in_srgb else _encode_16_bit(shown), in_srgb)
+    if in_srgb:
+        return encode_png(path, encode_srgb(shown), in_srgb)
+    levels = np.rint(65535 * np.clip(np.nan_to_num(shown), 0, 1)).astype(np.uint16)
+    return encode_png(path, levels, in_srgb)
 
 
 def encode_png(path: Path, levels: NDArray[Any], in_srgb: bool) -> bytes:
@@ -85,7 +88,3 @@ def encode_srgb(light: NDArray[Any]) -> NDArray[np.uint8]:
 def _pixels(light: Light) -> NDArray[Any]:
     """Return light as (rows, columns) or (rows, columns, bands)."""
     return light[0] if len(light) == 1 else np.moveaxis(light, 0, -1)
-
-
-def _encode_16_bit(light: NDArray[Any]) -> NDArray[np.uint16]:
-    return np.rint(65535 * np.clip(np.nan_to_num(light), 0, 1)).astype(np.uint16)

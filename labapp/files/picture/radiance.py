@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +19,6 @@ from labapp.common.plain_text import quote
 from labapp.files.guarded_reading import require_memory
 from labapp.files.picture.encoding import LINEAR, Encoding, gamma_encoding
 from labapp.files.picture.stored import StoredPicture
-
-RADIANCE = (b"#?RADIANCE", b"#?RGBE")
-"""First bytes of Radiance HDR."""
 
 _MOST_HEADER = 1 << 16
 """Bytes of a header that are looked at; scripts write their command lines there. Chosen."""
@@ -80,13 +76,9 @@ def read_radiance(path: Path, data: bytes, page: int = 0) -> StoredPicture:
             light = light / scale.astype(np.float32)[:, None, None]
     source = "its format" if encoding is LINEAR else "its GAMMA"
     return StoredPicture(
-        np.ascontiguousarray(light),
-        "Radiance HDR",
-        encoding=encoding,
-        encoding_source=source,
-        orientation=orientation,
-        notes=tuple(notes),
-    )
+        np.ascontiguousarray(light), "Radiance HDR", None, encoding, source,
+        orientation=orientation, notes=tuple(notes),
+    )  # fmt: skip
 
 
 def encode_radiance(light: NDArray[np.float32]) -> tuple[bytes, tuple[str, ...]]:
@@ -121,14 +113,11 @@ def _round_pixels(colours: NDArray[np.float32]) -> NDArray[np.float32]:
     brightest = colours.max(axis=-1, keepdims=True)
     _, exponent = np.frexp(np.maximum(brightest, np.float32(_LEAST)))
     # A mantissa that rounds up to 256 takes the next exponent.
-    exponent += np.rint(brightest * _power(8 - exponent)) > 255
-    rounded = np.rint(colours * _power(8 - exponent)) * _power(exponent - 8)
+    # Powers of two multiply float32 without rounding.
+    one = np.float32(1)
+    exponent += np.rint(brightest * np.ldexp(one, 8 - exponent)) > 255
+    rounded = np.rint(colours * np.ldexp(one, 8 - exponent)) * np.ldexp(one, exponent - 8)
     return np.where(brightest < _LEAST, np.float32(0), rounded)
-
-
-def _power(exponent: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Return powers of two, by which float32 is multiplied without rounding."""
-    return np.ldexp(np.float32(1), exponent)
 
 
 def _split_header(path: Path, data: bytes) -> tuple[list[bytes], bytes]:
@@ -218,20 +207,14 @@ def _expand_old_runs(path: Path, body: bytes, count: int) -> NDArray[np.uint8]:
             raise _damaged(path, "its pixels aren't as many as its header says")
         return stored
     repeats = np.ones(len(stored), np.int64)
-    repeats[runs] = [int(stored[at, 3]) << shift for at, shift in _shifts(runs)]
+    last, shift = -2, 0
+    for at in np.flatnonzero(runs).tolist():
+        shift = min(shift + 8, 24) if at == last + 1 else 0
+        repeats[at], last = int(stored[at, 3]) << shift, at
     if runs[0] or repeats.sum() != count:
         raise _damaged(path, "its pixels aren't as many as its header says")
     origin = np.maximum.accumulate(np.where(runs, 0, np.arange(len(stored))))
     return np.repeat(stored[origin], repeats, axis=0)
-
-
-def _shifts(runs: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Yield the place of each run, and the bits by which its number is shifted: 0, 8, 16 or 24."""
-    last, shift = -2, 0
-    for at in np.flatnonzero(runs).tolist():
-        shift = min(shift + 8, 24) if at == last + 1 else 0
-        yield at, shift
-        last = at
 
 
 def _damaged(path: Path, why: str) -> UserError:

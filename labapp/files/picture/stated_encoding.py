@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Callable
 
 from labapp.common.drawing_mark import DRAWING
 from labapp.common.errors import UserError
@@ -102,7 +103,22 @@ def png_with_encoding(png: bytes, encoding: Encoding) -> bytes:
     png: bytes of a file without such chunks.
     Raises ValueError for an ICC profile's curves.
     """
-    return png[:_AFTER_HEADER] + _chunks_of(encoding) + png[_AFTER_HEADER:]
+    if encoding.curves is not None:
+        raise ValueError("encoding is that of an ICC profile, which isn't written")
+    chunks = b""
+    if encoding.name == "srgb":
+        # The rendering intent 0 is the one for photographs.
+        chunks = _chunk(b"gAMA", struct.pack(">I", _SRGB_GAMMA)) + _chunk(b"sRGB", b"\0")
+    else:
+        gamma = 1.0 if encoding.name == "linear" else None
+        if encoding.name.startswith("gamma "):
+            gamma = float(encoding.name.removeprefix("gamma "))
+        if gamma:
+            chunks += _chunk(b"gAMA", struct.pack(">I", round(_GAMMA_UNIT / gamma)))
+        number = next((k for k, one in _TRANSFERS.items() if one.name == encoding.name), None)
+        if number is not None:
+            chunks += _chunk(b"cICP", bytes((1, number, 0, 1)))
+    return png[:_AFTER_HEADER] + chunks + png[_AFTER_HEADER:]
 
 
 def mark_drawing(png: bytes) -> bytes:
@@ -115,25 +131,6 @@ def is_drawing(png: bytes) -> bool:
     """Return whether a PNG says that it is a drawing that labapp made to look at."""
     said = b"Description\0" + DRAWING.encode("latin-1")
     return any(one.name == b"tEXt" and one.content == said for one in png_chunks(png))
-
-
-def _chunks_of(encoding: Encoding) -> bytes:
-    """Return the chunks that state an encoding, with sRGB's primaries."""
-    if encoding.curves is not None:
-        raise ValueError("encoding is that of an ICC profile, which isn't written")
-    if encoding.name == "srgb":
-        # The rendering intent 0 is the one for photographs.
-        return _chunk(b"gAMA", struct.pack(">I", _SRGB_GAMMA)) + _chunk(b"sRGB", b"\0")
-    gamma = {"linear": 1.0}.get(encoding.name)
-    if encoding.name.startswith("gamma "):
-        gamma = float(encoding.name.removeprefix("gamma "))
-    chunks = b""
-    if gamma:
-        chunks += _chunk(b"gAMA", struct.pack(">I", round(_GAMMA_UNIT / gamma)))
-    number = next((k for k, one in _TRANSFERS.items() if one.name == encoding.name), None)
-    if number is not None:
-        chunks += _chunk(b"cICP", bytes((1, number, 0, 1)))
-    return chunks
 
 
 def _chunk(name: bytes, content: bytes) -> bytes:
@@ -182,10 +179,6 @@ def _read_iccp(content: bytes) -> Statement:
     return icc_encoding(profile)
 
 
-def _read_srgb(content: bytes) -> Statement:
-    return Statement(SRGB, "its chunk sRGB")
-
-
 def _read_gama(content: bytes) -> Statement:
     """Return the encoding by a chunk's exponent from light to levels, in units of 0.00001."""
     value = int.from_bytes(content, "big")
@@ -195,5 +188,10 @@ def _read_gama(content: bytes) -> Statement:
     return Statement(gamma_encoding(float(f"{_GAMMA_UNIT / value:.4g}")), "its chunk gAMA")
 
 
-_READERS = {b"cICP": _read_cicp, b"iCCP": _read_iccp, b"sRGB": _read_srgb, b"gAMA": _read_gama}
+_READERS: dict[bytes, Callable[[bytes], Statement]] = {
+    b"cICP": _read_cicp,
+    b"iCCP": _read_iccp,
+    b"sRGB": lambda content: Statement(SRGB, "its chunk sRGB"),
+    b"gAMA": _read_gama,
+}
 """Functions that read a chunk's encoding, by its name; the first that says something holds."""

@@ -11,6 +11,7 @@ import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,7 @@ from labapp.files.exif import read_exif
 from labapp.files.guarded_reading import require_memory
 from labapp.files.picture.encoding import Statement, statement_of
 from labapp.files.picture.icc import icc_encoding
-from labapp.files.picture.refusal import refuse_picture
-from labapp.files.picture.stored import StoredPicture
+from labapp.files.picture.stored import StoredPicture, refuse_picture
 from labapp.files.picture.tiff_samples import TiffSamples, to_light
 
 _REDUCED, _MASK = 1, 4
@@ -40,6 +40,11 @@ _JPEGS = frozenset({7, 33007, 34892})
 
 _OLD_JPEG = 6
 """JPEG as TIFF 6.0 had it, before its technical note 2; decoders differ on its colours."""
+
+_NUMBER_KINDS = {
+    1: "whole numbers", 2: "signed numbers", 3: "floating point", 6: "complex numbers",
+}  # fmt: skip
+"""What a page holds by its tag SampleFormat (TIFF 6.0, section 19)."""
 
 _DEPTH, _ICC, _TRANSFER = 32997, 34675, 301
 
@@ -76,29 +81,23 @@ def read_tiff(path: Path, data: bytes, page: int = 0) -> StoredPicture:
         _require_readable(path, part, len(data), header)
         values = _decode(part, data)
         if len(found) != count:
-            values = _hidden_frame(file, page, values.shape)
-        _require_shape(path, part, values)
-        samples = to_light(path, header, _as_bands(values))
+            # One of the frames behind a single page.
+            every = file.series[0].asarray(squeeze=False)
+            values = np.asarray(every.reshape(-1, *values.shape)[page])
+        light = to_light(path, header, _require_bands(path, part, values), _kind(part))
         stated = statement_of(lambda: _encoding(part))
-        return StoredPicture(
-            values=samples.values,
-            white=samples.white,
-            encoding=samples.encoding or stated.encoding,
-            encoding_source=samples.encoding_source or stated.source,
-            encoding_refusal="" if samples.encoding else stated.refusal,
+        told = f"{others} of its pages are smaller copies or masks, and were passed over"
+        return replace(
+            light,
+            encoding=light.encoding or stated.encoding,
+            encoding_source=light.encoding_source or stated.source,
+            encoding_refusal="" if light.encoding else stated.refusal,
             pages=count,
             orientation=_orientation(part),
             exif=read_exif(data, part.offset),
             is_lossy=int(part.compression) in _LOSSY,
-            kind=_kind(part),
-            notes=(*samples.notes, *stated.notes, *_tell_others(others)),
+            notes=(*light.notes, *stated.notes, *((told,) if others else ())),
         )
-
-
-def _tell_others(count: int) -> tuple[str, ...]:
-    """Say in words that some pages aren't pictures in their own right."""
-    told = f"{count} of its pages are smaller copies or masks, and were passed over"
-    return (told,) if count else ()
 
 
 @contextmanager
@@ -119,14 +118,11 @@ def _damage_told(path: Path) -> Iterator[None]:
 def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
     """Return the pages that are pictures in their own right."""
     # A page that is followed by itself is counted once by its length, and for ever by iteration.
-    pages = [_whole_page(file.pages[number]) for number in range(len(file.pages))]
+    every = [file.pages[number] for number in range(len(file.pages))]
+    # tifffile keeps only some of the tags of pages that look alike.
+    pages = [page.aspage() if isinstance(page, tifffile.TiffFrame) else page for page in every]
     whole = [page for page in pages if not int(page.subfiletype) & (_REDUCED | _MASK)]
     return whole or pages[:1]
-
-
-def _whole_page(page: Any) -> tifffile.TiffPage:
-    """Return a page with all its tags; tifffile keeps only some of those that look alike."""
-    return page.aspage() if isinstance(page, tifffile.TiffFrame) else page
 
 
 def _hidden_frames(file: tifffile.TiffFile) -> int:
@@ -143,24 +139,14 @@ def _hidden_frames(file: tifffile.TiffFile) -> int:
 
 def _decode(part: tifffile.TiffPage, data: bytes) -> NDArray[Any]:
     """Decode a page to (planes, depth, rows, columns, samples)."""
-    if part.is_subsampled and int(part.compression) not in _JPEGS:
-        return _decode_subsampled(part, data)
-    return part.asarray(squeeze=False, maxworkers=1)
-
-
-def _decode_subsampled(part: tifffile.TiffPage, data: bytes) -> NDArray[Any]:
-    """Decode subsampled chroma by libtiff, which gives red, green and blue, partly turned."""
+    if not part.is_subsampled or int(part.compression) in _JPEGS:
+        return part.asarray(squeeze=False, maxworkers=1)
+    # Of subsampled chroma, libtiff makes red, green and blue, partly turned.
     rgba = imagecodecs.tiff_decode(data, index=part.index, asrgb=True)
     turned = _orientation(part)
     rows = rgba[::-1] if turned in (3, 4, 7, 8) else rgba
     columns = rows[:, ::-1] if turned in (2, 3, 6, 7) else rows
     return columns[None, None, ..., :3]
-
-
-def _hidden_frame(file: tifffile.TiffFile, page: int, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return one of the frames behind a single page."""
-    every = file.series[0].asarray(squeeze=False)
-    return np.asarray(every.reshape(-1, *shape)[page])
 
 
 def _header(path: Path, part: tifffile.TiffPage) -> TiffSamples:
@@ -175,25 +161,9 @@ def _header(path: Path, part: tifffile.TiffPage) -> TiffSamples:
     # Whole numbers of 24 bits are decoded wrongly; floating-point ones aren't.
     if part.dtype is None or bits == 0 or (bits == 24 and part.dtype.kind != "f"):
         told = "x".join(map(str, np.atleast_1d(part.bitspersample)))
-        raise refuse_picture(path, f"a TIFF with samples of {told} bits, {_number_kind(part)}")
-    return TiffSamples(
-        photometric=int(part.photometric),
-        bits=bits,
-        dtype=part.dtype,
-        samples=part.samplesperpixel,
-        extra=tuple(int(one) for one in part.extrasamples),
-        compression=int(part.compression),
-        colour_map=part.colormap,
-        is_planar=int(part.planarconfig) == 2,
-        is_decoded=part.is_subsampled,
-        tags={tag.code: tag.value for tag in part.tags if tag.code in TiffSamples.NEEDED},
-    )
-
-
-def _number_kind(part: tifffile.TiffPage) -> str:
-    """Say what kind of numbers a page holds by its tag SampleFormat (TIFF 6.0, section 19)."""
-    names = {1: "whole numbers", 2: "signed numbers", 3: "floating point", 6: "complex numbers"}
-    return names.get(int(part.sampleformat), "of an unknown kind")
+        kind = _NUMBER_KINDS.get(int(part.sampleformat), "of an unknown kind")
+        raise refuse_picture(path, f"a TIFF with samples of {told} bits, {kind}")
+    return TiffSamples(part, int(part.photometric), bits, part.dtype)
 
 
 def _require_readable(
@@ -201,7 +171,7 @@ def _require_readable(
 ) -> None:
     """Raise UserError for a page without all its data, or that would take too much memory."""
     tile = max(int(part.tilewidth), 1) * max(int(part.tilelength), 1)
-    count = max(math.prod(part.shaped), tile * header.samples)
+    count = max(math.prod(part.shaped), tile * part.samplesperpixel)
     what = f"a picture of {part.imagewidth} x {part.imagelength} pixels by its header"
     require_memory(path, stored, count * header.dtype.itemsize, what, pixels=count)
     needed = math.prod(part.chunked)
@@ -214,22 +184,21 @@ def _require_readable(
         )
 
 
-def _require_shape(path: Path, part: tifffile.TiffPage, values: NDArray[Any]) -> None:
-    """Raise UserError if what was decoded isn't of the size and kind that the page's tags say."""
+def _require_bands(path: Path, part: tifffile.TiffPage, values: NDArray[Any]) -> NDArray[Any]:
+    """Return decoded (planes, depth, rows, columns, samples) as (samples, rows, columns).
+
+    Raises UserError if they aren't of the size and kind that the page's tags say.
+    """
     planes, _, rows, columns, samples = values.shape
     wanted = (part.imagelength, part.imagewidth, part.samplesperpixel, part.dtype)
-    if (rows, columns, planes * samples, values.dtype.newbyteorder("=")) != wanted:
+    kind = values.dtype.newbyteorder("=")
+    if (rows, columns, planes * samples, kind) != wanted:
         raise refuse_picture(
             path, f"a TIFF whose data are {columns} x {rows} pixels of {planes * samples} "
             f"{values.dtype} samples, and by its header {part.imagewidth} x {part.imagelength}"
         )  # fmt: skip
-
-
-def _as_bands(values: NDArray[Any]) -> NDArray[Any]:
-    """Return decoded (planes, depth, rows, columns, samples) as (samples, rows, columns)."""
-    planes, _, rows, columns, samples = values.shape
     moved = np.moveaxis(values[:, 0], -1, 1).reshape(planes * samples, rows, columns)
-    return moved.astype(values.dtype.newbyteorder("="), copy=False)
+    return moved.astype(kind, copy=False)
 
 
 def _encoding(part: tifffile.TiffPage) -> Statement:

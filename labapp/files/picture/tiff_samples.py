@@ -7,25 +7,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 
 from labapp.files.picture.encoding import LINEAR, SRGB, Encoding
-from labapp.files.picture.inks import INKS_TURNED, inks_to_colours
-from labapp.files.picture.refusal import refuse_picture
-from labapp.files.picture.stored import ALPHA_LEFT_OUT
+from labapp.files.picture.stored import (
+    ALPHA_LEFT_OUT,
+    INKS_TURNED,
+    StoredPicture,
+    inks_to_colours,
+    refuse_picture,
+)
 
 Samples = NDArray[Any]
 
-_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE, _INKS, _YCBCR, _LAB, _ICC_LAB = (
-    *range(4),
-    5,
-    6,
-    8,
-    9,
-)
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE = range(4)
+_INKS, _YCBCR, _LAB, _ICC_LAB = 5, 6, 8, 9
 """Values of the tag PhotometricInterpretation."""
 
 _UNREADABLE = {
@@ -50,29 +50,12 @@ _COEFFICIENTS, _REFERENCE, _INK_SET = 529, 532, 332
 
 @dataclass(frozen=True, eq=False)
 class TiffSamples:
-    """What the tags of a TIFF page say about its samples.
+    """A TIFF page, the value of its tag PhotometricInterpretation, and the bits of each sample."""
 
-    photometric: value of the tag PhotometricInterpretation.
-    bits: of each sample.
-    samples: number of a pixel's samples.
-    extra: what samples beyond those of the colours are.
-    colour_map: (3, colours) of 16 bits, or None.
-    is_decoded: whether chroma was turned into colours with its decoding.
-    tags: values of the tags in NEEDED.
-    """
-
-    NEEDED: ClassVar = frozenset({_COEFFICIENTS, _REFERENCE, _INK_SET})
-
+    page: tifffile.TiffPage
     photometric: int
     bits: int
     dtype: np.dtype[Any]
-    samples: int
-    extra: tuple[int, ...]
-    compression: int
-    colour_map: Samples | None
-    is_planar: bool
-    is_decoded: bool
-    tags: dict[int, Any]
 
     @property
     def white(self) -> float | None:
@@ -82,26 +65,11 @@ class TiffSamples:
         return float(2 ** (self.bits - (self.dtype.kind == "i")) - 1)
 
 
-@dataclass(frozen=True, eq=False)
-class TiffLight:
-    """Grey, or red, green and blue, (1 or 3, rows, columns), of a TIFF page.
-
-    white: number of white; None for floating point.
-    encoding: what the page's kind says of its numbers, or None.
-    notes: what was done, in words.
-    """
-
-    values: Samples
-    white: float | None
-    encoding: Encoding | None = None
-    encoding_source: str = ""
-    notes: tuple[str, ...] = ()
-
-
-def to_light(path: Path, header: TiffSamples, samples: Samples) -> TiffLight:
+def to_light(path: Path, header: TiffSamples, samples: Samples, kind: str) -> StoredPicture:
     """Turn the decoded samples of a page, (samples, rows, columns), into light.
 
-    Raises UserError, which names the kind, for what can't be turned rightly.
+    kind: of the page, in words.
+    Raises UserError, which names what the page is, for what can't be turned rightly.
     """
     if header.photometric in _UNREADABLE:
         raise refuse_picture(path, f"a TIFF that is {_UNREADABLE[header.photometric]}")
@@ -109,19 +77,28 @@ def to_light(path: Path, header: TiffSamples, samples: Samples) -> TiffLight:
         samples = samples.astype(np.uint8)
     colours, notes = _without_extra(path, header, samples)
     white = header.white
+    encoding: Encoding | None = None
+    told = done = ""
     if header.photometric == _PALETTE:
-        return _from_palette(path, header, colours[0], notes)
-    if header.photometric in (_LAB, _ICC_LAB):
-        return _from_lab(path, header, colours, notes)
-    if header.photometric == _INKS:
-        inks = _at_eight_bits(_from_inks(path, header, colours), white)
-        told = "inks stand for colours of a screen"
-        return TiffLight(*inks, SRGB, told, (*notes, INKS_TURNED))
-    if header.photometric == _WHITE_IS_ZERO:
+        colours = _from_palette(path, header, colours[0])
+        encoding, told, done = SRGB, "a palette's colours are sRGB's", "its palette was applied"
+        white = float(np.iinfo(colours.dtype).max)
+    elif header.photometric in (_LAB, _ICC_LAB):
+        colours, white = _from_lab(path, header, colours), None
+        encoding, told = LINEAR, "CIELab was turned into linear sRGB"
+        done = f"its {told}"
+    elif header.photometric == _INKS:
+        colours = _from_inks(path, header, colours)
+        encoding, told, done = SRGB, "inks stand for colours of a screen", INKS_TURNED
+    elif header.photometric == _WHITE_IS_ZERO:
         colours = _inverse(path, header, colours)
     elif header.photometric == _YCBCR and _is_ycbcr(header):
         colours = _from_ycbcr(path, header, colours)
-    return TiffLight(*_at_eight_bits(colours, white), notes=notes)
+    if white is not None and white < 255 and colours.dtype.kind != "i":
+        # Numbers of fewer than 8 bits over the range of 8, as in other kinds of pictures.
+        colours, white = (colours * np.uint8(255 // white)).astype(np.uint8), 255.0
+    notes = (*notes, done) if done else notes
+    return StoredPicture(colours, kind, white, encoding, told, notes=notes)
 
 
 def _colour_count(header: TiffSamples) -> int:
@@ -132,7 +109,8 @@ def _colour_count(header: TiffSamples) -> int:
         return 3
     # Three planes without a word on what they are: red, green and blue for most programs.
     grey = header.photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO)
-    return 3 if grey and header.samples == 3 and not header.extra else 1
+    page = header.page
+    return 3 if grey and page.samplesperpixel == 3 and not page.extrasamples else 1
 
 
 def _without_extra(
@@ -150,7 +128,7 @@ def _without_extra(
     if len(samples) == count:
         is_told = count != 3 or header.photometric not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO)
         return samples, () if is_told else ("its three samples were taken as red, green and blue",)
-    extra = header.extra[: len(samples) - count]
+    extra = tuple(int(one) for one in header.page.extrasamples)[: len(samples) - count]
     if len(samples) == count + 1 and extra in ((_ASSOCIATED,), (_UNASSOCIATED,)):
         over = " over black" if extra == (_ASSOCIATED,) else ""
         return samples[:count], (ALPHA_LEFT_OUT + over,)
@@ -175,11 +153,9 @@ def _inverse(path: Path, header: TiffSamples, grey: Samples) -> Samples:
     return 1 - grey
 
 
-def _from_palette(
-    path: Path, header: TiffSamples, numbers: Samples, notes: tuple[str, ...]
-) -> TiffLight:
+def _from_palette(path: Path, header: TiffSamples, numbers: Samples) -> Samples:
     """Return the colours that a palette's numbers stand for (section 5)."""
-    table = header.colour_map
+    table = header.page.colormap
     if table is None or int(numbers.max()) >= table.shape[1]:
         raise refuse_picture(path, "a TIFF with a palette that isn't there, or is too short")
     # Most programs fill the 16 bits from 8, by 257 or by 256.
@@ -187,15 +163,12 @@ def _from_palette(
         if not (table % step).any() and table.max() <= 255 * step:
             table = (table // step).astype(np.uint8)
             break
-    colours = np.ascontiguousarray(table[:, numbers])
-    white = float(np.iinfo(colours.dtype).max)
-    told = "a palette's colours are sRGB's"
-    return TiffLight(colours, white, SRGB, told, (*notes, "its palette was applied"))
+    return np.ascontiguousarray(table[:, numbers])
 
 
 def _from_inks(path: Path, header: TiffSamples, inks: Samples) -> Samples:
     """Return red, green and blue of cyan, magenta, yellow and black by plain subtraction."""
-    if header.tags.get(_INK_SET, 1) != 1 or header.white is None:
+    if header.page.tags.valueof(_INK_SET, 1) != 1 or header.white is None:
         raise refuse_picture(path, "a TIFF of inks that aren't CMYK of whole numbers")
     return inks_to_colours(
         (header.white - inks.astype(np.float64)).astype(inks.dtype), header.white
@@ -204,17 +177,19 @@ def _from_inks(path: Path, header: TiffSamples, inks: Samples) -> Samples:
 
 def _is_ycbcr(header: TiffSamples) -> bool:
     """Return whether decoded samples are still luma and chroma."""
-    if header.is_decoded or header.compression == _WEBP:
+    page = header.page
+    if page.is_subsampled or page.compression == _WEBP:
         return False
-    return header.compression != _JPEG or header.is_planar
+    return page.compression != _JPEG or page.planarconfig == 2
 
 
 def _from_ycbcr(path: Path, header: TiffSamples, samples: Samples) -> Samples:
     """Return red, green and blue of luma and chroma (section 21)."""
     if header.bits != 8:
         raise refuse_picture(path, f"a TIFF of YCbCr with {header.bits} bits")
-    red, green, blue = _ratios(header.tags.get(_COEFFICIENTS), (0.299, 0.587, 0.114))
-    limits = _ratios(header.tags.get(_REFERENCE), (0.0, 255.0, 128.0, 255.0, 128.0, 255.0))
+    tags = header.page.tags
+    red, green, blue = _ratios(tags.valueof(_COEFFICIENTS), (0.299, 0.587, 0.114))
+    limits = _ratios(tags.valueof(_REFERENCE), (0.0, 255.0, 128.0, 255.0, 128.0, 255.0))
     luma, first, second = (
         (plane.astype(np.float64) - low) * full / (high - low)
         for plane, low, high, full in zip(
@@ -249,7 +224,7 @@ _D50_TO_SRGB = np.array(
 """Linear sRGB of XYZ under D50, adapted to D65 by Bradford's method (IEC 61966-2-1, ICC.1)."""
 
 
-def _from_lab(path: Path, header: TiffSamples, lab: Samples, notes: tuple[str, ...]) -> TiffLight:
+def _from_lab(path: Path, header: TiffSamples, lab: Samples) -> Samples:
     """Return linear sRGB of CIE L*a*b* (section 23, and ICC's of the technical note)."""
     if header.bits not in (8, 16) or header.dtype.kind not in "ui":
         raise refuse_picture(
@@ -267,13 +242,4 @@ def _from_lab(path: Path, header: TiffSamples, lab: Samples, notes: tuple[str, .
     roots = np.stack([middle + chroma[0] / 500, middle, middle - chroma[1] / 200])
     xyz = np.where(roots > 6 / 29, roots**3, 3 * (6 / 29) ** 2 * (roots - 4 / 29))
     light = np.einsum("ij,jyx->iyx", _D50_TO_SRGB, xyz * _D50[:, None, None])
-    told = "CIELab was turned into linear sRGB"
-    clipped = np.clip(light, 0, 1).astype(np.float32)
-    return TiffLight(clipped, None, LINEAR, told, (*notes, f"its {told}"))
-
-
-def _at_eight_bits(colours: Samples, white: float | None) -> tuple[Samples, float | None]:
-    """Return numbers of fewer than 8 bits over the range of 8, as in other kinds of pictures."""
-    if white is None or white >= 255 or colours.dtype.kind == "i":
-        return colours, white
-    return (colours * np.uint8(255 // white)).astype(np.uint8), 255.0
+    return np.clip(light, 0, 1).astype(np.float32)

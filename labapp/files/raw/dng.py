@@ -2,13 +2,18 @@
 
 LibRaw and tifffile decode the same parts of the file. The tags decide on levels, pattern and area:
 LibRaw exchanges black levels where the active area begins at an odd row or column.
+
+Lossless JPEG has no sum by which its decoder finds damage; a second decoder that reads the same
+numbers is the evidence. Of whole pictures LibRaw leaves strips undecoded, and mixes up tiles where
+two make up a row, so that each part is checked alone.
 """
 
 from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Sequence
+import struct
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +24,6 @@ from labapp.files.exif import Exif, read_exif
 from labapp.files.guarded_reading import require_memory
 from labapp.files.raw import dng_levels as levels
 from labapp.files.raw.dng_page import BITS, LOSSLESS, find_raw_page, page_shape
-from labapp.files.raw.jpeg_parts import find_damaged_parts
 from labapp.files.raw.libraw import LibRawPicture, decode_by_libraw, require_undamaged
 from labapp.files.raw.photograph import RawPhotograph, order_channels
 from labapp.files.raw.recognition import COMPRESSION, MAKE
@@ -37,10 +41,7 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
 def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotograph:
-    """Read a DNG's photograph.
-
-    Raises UserError, which names what the file is, unless it holds a mosaic of a sensor's numbers.
-    """
+    """Read a DNG's photograph; UserError names what the file is unless it holds a mosaic."""
     page, first = find_raw_page(path, pages), pages[0]
     rows, columns = page_shape(page)
     require_memory(path, len(data), 2 * rows * columns, "its mosaic")
@@ -68,7 +69,11 @@ def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotogra
         first.text(_MODEL),
         tuple(_remarks(page, mosaic.shape)),
     )
-    _require_range(found)
+    if not found.dark_levels.max() < found.white:
+        raise UserError(
+            f"{path}: has a black level of {found.dark_levels.max():g} and a white level of "
+            f"{found.white:g}; white must be above black. Convert the camera's file again."
+        )
     return found
 
 
@@ -82,22 +87,24 @@ def _decode(path: Path, data: bytes, page: Directory) -> NDArray[np.uint16]:
         if isinstance(other, str) or other.mosaic is None:
             raise _damaged(path, other if isinstance(other, str) else "it has no mosaic")
         require_undamaged(path, other)
-        return _require_shape(path, other.mosaic, page)
+        if other.mosaic.shape != page_shape(page):
+            raise UserError(
+                f"{path}: is a DNG of {' x '.join(map(str, page_shape(page)))} pixels by its tags, "
+                f"and {' x '.join(map(str, other.mosaic.shape))} come out of it. Copy it from the "
+                "camera again."
+            )
+        return other.mosaic
     table = levels.linear_table(page)
     own = numbers if table is None else table[np.minimum(numbers, len(table) - 1)]
-    if isinstance(other, LibRawPicture) and _are_equal(own, other.mosaic):
+    seen = other.mosaic if isinstance(other, LibRawPicture) else None
+    if seen is not None and np.array_equal(own, seen):
         return own
     # Other kinds have a sum of their own, or nothing that can be misread.
     if page.number(COMPRESSION, 1) == _JPEG:
-        damaged = find_damaged_parts(path, page, numbers)
-        if damaged:
-            raise _damaged(path, f"from row {damaged[0][0]}, column {damaged[0][1]} on")
+        damaged = _find_damaged_part(path, page, numbers)
+        if damaged is not None:
+            raise _damaged(path, f"from row {damaged[0]}, column {damaged[1]} on")
     return own
-
-
-def _are_equal(own: NDArray[np.uint16], other: NDArray[np.uint16] | None) -> bool:
-    """Return whether two decoders read the same numbers."""
-    return other is not None and np.array_equal(own, other)
 
 
 def _damaged(path: Path, reason: str) -> UserError:
@@ -124,26 +131,6 @@ def _decode_by_tags(data: bytes, page: Directory) -> NDArray[np.uint16] | None:
     return found.reshape(page_shape(page)).astype(np.uint16)
 
 
-def _require_shape(path: Path, mosaic: NDArray[np.uint16], page: Directory) -> NDArray[np.uint16]:
-    """Return LibRaw's mosaic; raise UserError if the tags say another size."""
-    if mosaic.shape != page_shape(page):
-        raise UserError(
-            f"{path}: is a DNG of {' x '.join(map(str, page_shape(page)))} pixels by its tags, and "
-            f"{' x '.join(map(str, mosaic.shape))} come out of it. Copy it from the camera again."
-        )
-    return mosaic
-
-
-def _require_range(found: RawPhotograph) -> None:
-    """Raise UserError unless the white level is above all black levels."""
-    if found.dark_levels.max() < found.white:
-        return
-    raise UserError(
-        f"{found.path}: has a black level of {found.dark_levels.max():g} and a white level of "
-        f"{found.white:g}; white must be above black. Convert the camera's file again."
-    )
-
-
 def _remarks(page: Directory, shape: tuple[int, ...]) -> list[str]:
     """Say what the tags ask of a converter, and isn't done to the mosaic."""
     said = []
@@ -159,3 +146,59 @@ def _remarks(page: Directory, shape: tuple[int, ...]) -> list[str]:
     if any(page.has(code) for code in _OPCODES):
         said.append("the file's list of corrections, such as of the lens, is not applied")
     return said
+
+
+_TILE_WIDTH, _TILE_LENGTH, _ROWS_PER_STRIP = 322, 323, 278
+
+_LEAST_SIDE = 22
+"""Pixels along a side below which LibRaw takes no picture."""
+
+
+def _find_damaged_part(
+    path: Path, page: Directory, numbers: NDArray[np.uint16]
+) -> tuple[int, int] | None:
+    """Return the first pixel of the first part of a mosaic's numbers that LibRaw reads otherwise.
+
+    Parts that are too small for LibRaw aren't checked.
+    """
+    for (at, size), (top, left, rows, columns) in zip(page.parts, _places(page), strict=False):
+        if min(rows, columns) < _LEAST_SIDE:
+            continue
+        alone = _single_strip(page.data[at : at + size], rows, columns, page.number(BITS, 16))
+        found = decode_by_libraw(path, alone)
+        seen = numbers[top : top + rows, left : left + columns]
+        if (
+            isinstance(found, str)
+            or found.mosaic is None
+            or found.messages
+            or not np.array_equal(found.mosaic[: seen.shape[0], : seen.shape[1]], seen)
+        ):
+            return top, left
+    return None
+
+
+def _places(page: Directory) -> Iterator[tuple[int, int, int, int]]:
+    """Yield the first row and column, and the size, of each part of the mosaic."""
+    rows, columns = page_shape(page)
+    down = page.number(_TILE_LENGTH, page.number(_ROWS_PER_STRIP, rows))
+    along = page.number(_TILE_WIDTH, columns)
+    is_tiled = page.number(_TILE_WIDTH, 0) > 0
+    for top in range(0, rows, max(down, 1)):
+        for left in range(0, columns, max(along, 1)):
+            yield top, left, down if is_tiled else min(down, rows - top), along
+
+
+def _single_strip(part: bytes, rows: int, columns: int, bits: int) -> bytes:
+    """Return a DNG whose whole mosaic is one part of lossless JPEG."""
+    byte, text, short, long = range(1, 5)
+    count = 15
+    # The numbers of 16 bits, of which each takes the room of 32, have the least byte first.
+    entries = [
+        (254, long, 1, 0), (256, long, 1, columns), (257, long, 1, rows), (258, short, 1, bits),
+        (259, short, 1, 7), (262, short, 1, 32803), (271, text, 2, ord("-")),
+        (272, text, 2, ord("-")), (273, long, 1, 8 + 2 + 12 * count + 4), (277, short, 1, 1),
+        (278, long, 1, rows), (279, long, 1, len(part)), (33421, short, 2, 2 << 16 | 2),
+        (33422, byte, 4, 0x02010100), (50706, byte, 4, 0x0401),
+    ]  # fmt: skip
+    head = struct.pack("<2sHIH", b"II", 42, 8, count)
+    return head + b"".join(struct.pack("<HHII", *one) for one in entries) + bytes(4) + part

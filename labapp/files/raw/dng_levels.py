@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,10 +37,7 @@ Area = tuple[slice, slice]
 
 
 def active_area(path: Path, page: Directory) -> Area:
-    """Return the rows and columns of the mosaic that see the scene.
-
-    Raises UserError if they lie outside the picture.
-    """
+    """Return the rows and columns that see the scene; UserError if they aren't in the picture."""
     rows, columns = page_shape(page)
     area = page.numbers(_AREA)
     top, left, bottom, right = area if len(area) == 4 else (0, 0, rows, columns)
@@ -54,10 +50,9 @@ def active_area(path: Path, page: Directory) -> Area:
 
 
 def filter_pattern(path: Path, page: Directory) -> tuple[str, ...] | None:
-    """Return the letters of the filters from the active area's first pixel on.
+    """Return the letters of the filters from the active area's first pixel on; None without.
 
-    Returns None for a sensor without filters. Raises UserError for a pattern that isn't stated, or
-    that isn't a rectangle of known colours.
+    Raises UserError for a pattern that isn't stated, or isn't a rectangle of known colours.
     """
     if page.number(PHOTOMETRIC, 0) != CFA:
         return None
@@ -73,25 +68,12 @@ def filter_pattern(path: Path, page: Directory) -> tuple[str, ...] | None:
     return tuple(letters[at : at + columns] for at in range(0, len(letters), columns))
 
 
-def plane_letters(page: Directory) -> str:
-    """Return the letters of the colours in the order in which the tags have them."""
-    codes = page.numbers(_PLANES) or (0, 1, 2)
-    return "".join(_LETTERS[int(code)] for code in codes if code in range(len(_LETTERS)))
-
-
 def black_cell(path: Path, page: Directory) -> NDArray[np.float64]:
-    """Return the black levels, which repeat from the active area's first pixel on.
-
-    Raises UserError unless there is one for each place.
-    """
+    """Return the black levels, which repeat from the active area's first pixel on."""
     shape = tuple(int(one) for one in page.numbers(_BLACK_REPEAT)) or (1, 1)
     levels = page.numbers(_BLACK) or (0.0,) * math.prod(shape)
-    if (
-        len(shape) != 2
-        or not levels
-        or math.prod(shape) != len(levels)
-        or not np.isfinite(levels).all()
-    ):
+    is_cell = len(shape) == 2 and levels and math.prod(shape) == len(levels)
+    if not is_cell or not np.isfinite(levels).all():
         raise UserError(
             f"{path}: is a DNG of {len(levels)} black levels for {' x '.join(map(str, shape))} "
             "places. Convert the camera's file again."
@@ -102,10 +84,7 @@ def black_cell(path: Path, page: Directory) -> NDArray[np.float64]:
 def black_changes(
     path: Path, page: Directory, shape: tuple[int, ...]
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return what rows and columns have beyond the black levels; None where nothing.
-
-    Raises UserError unless there is one for each row and column.
-    """
+    """Return what rows and columns have beyond the black levels; None where nothing."""
     found: list[NDArray[np.float64] | None] = []
     for code, count, name in zip(
         (_BLACK_ROWS, _BLACK_COLUMNS), shape, ("rows", "columns"), strict=True
@@ -122,8 +101,7 @@ def black_changes(
 
 def linear_table(page: Directory) -> NDArray[np.uint16] | None:
     """Return the table by which stored numbers become linear; None if they are."""
-    table = page.numbers(_TABLE)
-    return np.array(table, dtype=np.uint16) if table else None
+    return np.array(table, dtype=np.uint16) if (table := page.numbers(_TABLE)) else None
 
 
 def white_level(page: Directory) -> float:
@@ -136,7 +114,9 @@ def white_level(page: Directory) -> float:
 
 def camera_colour(page: Directory, first: Directory, channels: str) -> CameraColour:
     """Return what is stated of the camera's colours, in the order of `channels`."""
-    letters = plane_letters(page)
+    # The colours in the order in which the tags have them.
+    codes = page.numbers(_PLANES) or (0, 1, 2)
+    letters = "".join(_LETTERS[int(code)] for code in codes if code in range(len(_LETTERS)))
     if set(letters) != set(channels):
         return CameraColour()
     order = [letters.index(letter) for letter in channels]
@@ -145,12 +125,17 @@ def camera_colour(page: Directory, first: Directory, channels: str) -> CameraCol
     xy = first.numbers(_WHITE_XY)
     if white.size != len(letters) and len(xy) == 2 and xy[1] > 0 and matrix is not None:
         white = matrix @ (np.array([xy[0], xy[1], 1 - xy[0] - xy[1]]) / xy[1])
+    noise = None
+    values = np.array(page.numbers(_NOISE), dtype=np.float64)
+    if values.size in (2, 2 * len(order)) and (values >= 0).all():
+        pairs = values.reshape(-1, 2)
+        noise = np.repeat(pairs, len(order), 0) if len(pairs) == 1 else pairs[order]
     sound = white.size == len(letters) and bool((white > 0).all() and np.isfinite(white).all())
     return CameraColour(
         None if matrix is None else matrix[order],
         f"{kelvin} K" if matrix is not None else "",
         white[order] if sound else None,
-        _noise_profile(page, order),
+        noise,
     )
 
 
@@ -167,12 +152,3 @@ def _matrix_nearest_d65(first: Directory, count: int) -> tuple[NDArray[np.float6
     # Lights are as far apart as their inverse temperatures, as DNG weighs its matrices.
     kelvin, values = min(sound, key=lambda one: abs(1 / max(one[0], 1) - 1 / _D65))
     return values.reshape(count, 3).astype(np.float64), kelvin
-
-
-def _noise_profile(page: Directory, order: Sequence[int]) -> NDArray[np.float64] | None:
-    """Return scale and offset of the variance of each channel; None if not stated."""
-    values = np.array(page.numbers(_NOISE), dtype=np.float64)
-    if values.size not in (2, 2 * len(order)) or not (values >= 0).all():
-        return None
-    pairs = values.reshape(-1, 2)
-    return np.repeat(pairs, len(order), 0) if len(pairs) == 1 else pairs[order]

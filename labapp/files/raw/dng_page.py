@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -55,20 +56,32 @@ def find_raw_page(path: Path, pages: Sequence[Directory]) -> Directory:
     whole = [page for page in raw if not page.number(NEW_SUBFILE_TYPE, 0) & 1]
     main = [page for page in whole if page.number(NEW_SUBFILE_TYPE, 0) == 0] or whole
     if not main:
-        _require_all_pages(path, pages)
+        for page in pages:
+            further = (*page.numbers(SUB_DIRECTORIES), page.next_offset)
+            if any(at >= len(page.data) for at in further):
+                raise UserError(
+                    f"{path}: is a RAW file that is cut: the description of a picture lies beyond "
+                    f"its {len(page.data)} bytes. Copy it from the camera again."
+                )
         raise UserError(
             f"{path}: is a DNG without RAW numbers: it holds {len(pages)} pictures for screens "
             f"alone. {_HOW}"
         )
     mosaics = [page for page in main if page.number(PHOTOMETRIC, 0) == CFA] or main
-    largest = max(_pixels(page) for page in mosaics)
-    found = [page for page in mosaics if _pixels(page) == largest]
+    pixels = [math.prod(page_shape(page)) for page in mosaics]
+    found = [page for page, size in zip(mosaics, pixels, strict=True) if size == max(pixels)]
     if len(found) > 1:
         raise UserError(
             f"{path}: is a DNG with {len(found)} RAW pictures of equal size, and doesn't say which "
             "is the main one. Save each to a file of its own."
         )
-    _require_values(path, (pages[0], found[0]))
+    lost = [code for page in (pages[0], found[0]) for code in page.lost]
+    if lost:
+        raise UserError(
+            f"{path}: is a RAW file that is cut or damaged: the values of its tags "
+            f"{', '.join(map(str, lost))} lie beyond its {len(pages[0].data)} bytes. Copy it from "
+            "the camera again."
+        )
     _require_mosaic(path, found[0])
     return found[0]
 
@@ -92,32 +105,6 @@ def require_whole(path: Path, page: Directory) -> None:
             f"{path}: is a RAW file without a picture: its parts are empty. Copy it from the "
             "camera again."
         )
-
-
-def _require_all_pages(path: Path, pages: Sequence[Directory]) -> None:
-    """Raise UserError if a page leads to another beyond the end of the file."""
-    for page in pages:
-        if any(at >= len(page.data) for at in (*page.numbers(SUB_DIRECTORIES), page.next_offset)):
-            raise UserError(
-                f"{path}: is a RAW file that is cut: the description of a picture lies beyond its "
-                f"{len(page.data)} bytes. Copy it from the camera again."
-            )
-
-
-def _require_values(path: Path, pages: Sequence[Directory]) -> None:
-    """Raise UserError if values of tags lie beyond the end of the file."""
-    lost = [code for page in pages for code in page.lost]
-    if lost:
-        raise UserError(
-            f"{path}: is a RAW file that is cut or damaged: the values of its tags "
-            f"{', '.join(map(str, lost))} lie beyond its {len(pages[0].data)} bytes. Copy it from "
-            "the camera again."
-        )
-
-
-def _pixels(page: Directory) -> int:
-    rows, columns = page_shape(page)
-    return rows * columns
 
 
 def _require_mosaic(path: Path, page: Directory) -> None:

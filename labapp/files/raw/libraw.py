@@ -31,21 +31,12 @@ _ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 
 @dataclass(frozen=True, eq=False)
 class LibRawPicture:
-    """What LibRaw read.
+    """What LibRaw read; levels, colours and orientation are as in RawPhotograph.
 
-    mosaic: numbers of all pixels, masked ones included, (rows, columns); None for pictures that
-    have several numbers a pixel.
-    visible: rows and columns of the mosaic that see the scene.
-    pattern: rows of the letters of the filters, from the first visible pixel on; None without
-    filters.
-    black: level of darkness of each pixel of the pattern.
-    white: level of a full well.
-    linear_limit: level up to which the maker says that numbers are linear.
-    matrix: from XYZ to the camera's channels, (4, 3); zeros where LibRaw doesn't know the camera.
-    letters: letter of each row of `matrix`, and of each number of `balance`.
-    balance: by what the camera multiplies its channels to make white, (4,); zeros where it isn't
-    known.
-    orientation: as in EXIF.
+    mosaic: all pixels, masked ones included; None for several numbers a pixel.
+    visible: rows and columns that see the scene, where `pattern` begins.
+    matrix: from XYZ to the camera's channels, (4, 3); balance: by what the camera multiplies them
+    to make white, (4,); zeros where they aren't known. letters: of their rows.
     exposure: exposure time in seconds, aperture and sensitivity; 0 where they aren't known.
     messages: what LibRaw wrote to standard error.
     """
@@ -81,14 +72,10 @@ def decode_by_libraw(path: Path, data: bytes) -> LibRawPicture | str:
                 raw.unpack()
                 found = _gather(raw)
         except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError, RuntimeError) as error:
-            return _words_of(error)
+            told = error.args[0] if error.args else ""
+            text = told.decode("ascii", "replace") if isinstance(told, bytes) else str(told)
+            return text.rstrip(".")
     return LibRawPicture(**found, messages=tuple(messages))
-
-
-def _words_of(error: Exception) -> str:
-    """Return what an error of LibRaw says, as words."""
-    told = error.args[0] if error.args else ""
-    return (told.decode("ascii", "replace") if isinstance(told, bytes) else str(told)).rstrip(".")
 
 
 def _gather(raw: rawpy.RawPy) -> dict[str, Any]:

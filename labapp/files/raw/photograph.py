@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +18,16 @@ Light = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class CameraColour:
-    """The camera's colours: matrix, white and noise, as far as its file says.
+    """The camera's colours; None where its file doesn't say.
 
     Attributes
     ----------
     matrix : NDArray or None, (channels, 3)
-        From CIE XYZ to the camera's channels, in the order of `RawPhotograph.channels`; None where
-        the file doesn't say.
+        From CIE XYZ to the camera's channels, in the order of `RawPhotograph.channels`.
     illuminant : str
         Light that the matrix is for, in words.
     white : NDArray or None, (channels,)
-        What white gives in each channel, on any scale, as the camera found it; None where the file
-        doesn't say.
+        What white gives in each channel, on any scale, as the camera found it.
     noise : NDArray or None, (channels, 2)
         Variance of a pixel as S x + O of its light x, white at 1: S and O of each channel.
     """
@@ -44,16 +44,14 @@ class RawPhotograph:
 
     Attributes
     ----------
-    path : Path
-        The file.
-    kind : str
-        What it is, in words, as "DNG, 126 x 146, RG/GB".
+    path, kind : Path, str
+        The file, and what it is, in words, as "DNG, 126 x 146, RG/GB".
     mosaic : NDArray of uint16, (rows, columns)
-        The sensor's numbers in the area that sees the scene, never turned. A table that the file
-        has for making them linear is applied.
+        The sensor's numbers in the area that sees the scene, never turned, made linear by the
+        file's table.
     pattern : tuple of str or None
         Rows of a letter for each pixel, which repeat from the first pixel of `mosaic` on, as
-        ("RG", "GB"). None for a sensor without colour filters.
+        ("RG", "GB"). None without colour filters.
     black : NDArray, (cell rows, cell columns)
         Level of darkness of the pixels of a cell, which repeats likewise.
     white : float
@@ -63,10 +61,8 @@ class RawPhotograph:
     linear_limit : float or None
         Level up to which numbers are proportional to light, where the maker says that it is below
         `white`.
-    colour : CameraColour
-        The camera's colours.
-    exposure : Exif
-        Exposure time, aperture and sensitivity.
+    colour, exposure : CameraColour, Exif
+        The camera's colours; exposure time, aperture and sensitivity.
     orientation : int
         How to turn the picture for people to see, 1 to 8 as in EXIF. It isn't applied.
     maker, model : str
@@ -119,20 +115,12 @@ class RawPhotograph:
 
     @cached_property
     def clip_level(self) -> float:
-        """Level from which pixels count as clipped.
-
-        It is the highest that the file states, or where the mosaic itself shows that wells were
-        full below it.
-        """
-        seen = _saturated_level(self._planes)
-        stated = [self.white, self.linear_limit, seen]
-        return min(level for level in stated if level is not None)
-
-    @property
-    def _planes(self) -> list[NDArray[np.uint16]]:
-        """The pixels of each place in the pattern's cell."""
+        """Level from which pixels count as clipped: stated, or where the mosaic shows it."""
         down, along = (1, 1) if not self.pattern else (len(self.pattern), len(self.pattern[0]))
-        return [self.mosaic[y::down, x::along] for y in range(down) for x in range(along)]
+        # The pixels of each place in the pattern's cell.
+        planes = [self.mosaic[y::down, x::along] for y in range(down) for x in range(along)]
+        stated = [self.white, self.linear_limit, saturated_level(planes)]
+        return min(level for level in stated if level is not None)
 
 
 def order_channels(pattern: tuple[str, ...]) -> str:
@@ -141,19 +129,21 @@ def order_channels(pattern: tuple[str, ...]) -> str:
     return "".join(sorted(found, key=lambda letter: ("RGBCMYW".find(letter) % 99, letter)))
 
 
-def _saturated_level(planes: list[NDArray[np.uint16]]) -> float | None:
-    """Find the level at which the wells of a mosaic were full; None if it shows no sign of that.
+def saturated_level(planes: Sequence[NDArray[Any]]) -> float | None:
+    """Find the level at which wells were full; None if planes of one colour show no sign of it.
 
     The sign is 3 neighbouring pixels of one colour at the highest level of all, if there are at
-    least twice as many pixels at it as at the level below.
+    least twice as many pixels at it as at the level below, where levels are whole numbers.
     """
-    top = max(int(plane.max()) for plane in planes if plane.size)
+    top = max(plane.max() for plane in planes if plane.size)
     at = [plane == top for plane in planes]
     if all(one.all() for one in at) or not any(_has_run(one) or _has_run(one.T) for one in at):
         return None
-    count = sum(int(one.sum()) for one in at)
-    below = sum(int((plane == top - 1).sum()) for plane in planes)
-    return float(top) if count >= 2 * below else None
+    if all(one.dtype.kind != "f" or np.array_equal(one, np.rint(one)) for one in planes):
+        below = sum(int((plane == top - 1).sum()) for plane in planes)
+        if sum(int(one.sum()) for one in at) < 2 * below:
+            return None
+    return float(top)
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:

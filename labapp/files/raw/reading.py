@@ -50,7 +50,13 @@ def read_raw(path: Path, data: bytes | None = None) -> RawPhotograph:
     data = read_bytes(path) if data is None else data
     if not data:
         raise UserError(f"{path}: is empty: it has no bytes. Copy it from the camera again.")
-    found = _read(path, data)
+    pages = read_directories(data)
+    # A TIFF that names no camera may have a mosaic of colour filters, too.
+    is_mosaic = any(page.number(PHOTOMETRIC, 0) == CFA for page in pages)
+    if pages and (pages[0].has(DNG_VERSION) or (is_mosaic and not pages[0].has(MAKE))):
+        found = read_dng(path, data, pages)
+    else:
+        found = _read_makers_file(path, data, pages)
     if not found.mosaic.any():
         raise UserError(
             f"{path}: is a RAW file whose numbers are all zero: it is empty, or a sample without "
@@ -59,11 +65,8 @@ def read_raw(path: Path, data: bytes | None = None) -> RawPhotograph:
     return found
 
 
-def _read(path: Path, data: bytes) -> RawPhotograph:
-    """Read a DNG by its tags, and all else by LibRaw."""
-    pages = read_directories(data)
-    if pages and (pages[0].has(DNG_VERSION) or _is_plain_mosaic(pages)):
-        return read_dng(path, data, pages)
+def _read_makers_file(path: Path, data: bytes, pages: list[Directory]) -> RawPhotograph:
+    """Read a maker's own file, for which LibRaw's word is taken."""
     for page in pages:
         if page.number(PHOTOMETRIC, 0) == CFA or page.has(PANASONIC_OFFSET):
             require_whole(path, page)
@@ -74,22 +77,6 @@ def _read(path: Path, data: bytes) -> RawPhotograph:
             "camera that LibRaw doesn't know. Copy it again, or convert it to DNG."
         )
     require_undamaged(path, found)
-    return _photograph(path, data, found, pages)
-
-
-def _is_plain_mosaic(pages: list[Directory]) -> bool:
-    """Return whether a TIFF that names no camera has a mosaic of colour filters."""
-    mosaics = [page for page in pages if page.number(PHOTOMETRIC, 0) == CFA]
-    return bool(mosaics) and not pages[0].has(MAKE)
-
-
-def _photograph(
-    path: Path, data: bytes, found: LibRawPicture, pages: list[Directory]
-) -> RawPhotograph:
-    """Return the photograph of a maker's own file, for which LibRaw's word is taken.
-
-    Raises UserError for pictures that aren't a mosaic.
-    """
     if found.mosaic is None:
         raise UserError(
             f"{path}: is a RAW file of several colours a pixel: they were interpolated already, or "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from labapp.files.tiff_directories import Directory, is_tiff_like, read_directories
+from labapp.files.tiff_directories import is_tiff_like, read_directories
 
 DNG_VERSION, PHOTOMETRIC, MAKE, COMPRESSION = 50706, 262, 271, 259
 """Tags of TIFF and DNG, by their names in the specifications."""
@@ -33,42 +33,32 @@ _ENDINGS = {
     ".3fr", ".arw", ".cr2", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".kdc", ".mef", ".mos", ".nef",
     ".nrw", ".orf", ".pef", ".ptx", ".rw2", ".rwl", ".sr2", ".srf", ".srw",
 }  # fmt: skip
-"""Endings by which a TIFF, or an empty file, is a camera's RAW.
-
-The first page of most is a preview.
-"""
+"""Endings by which a TIFF, whose first page is mostly a preview, or an empty file is a RAW."""
 
 
 def is_raw(data: bytes, path: Path) -> bool:
     """Return whether a file is a camera's RAW, by its content.
-
-    The ending counts only for files that begin as TIFF does, and for empty ones.
 
     Parameters
     ----------
     data : bytes
         The whole file.
     path : Path
-        Its path.
+        Its path, whose ending counts only for files that begin as TIFF does, and for empty ones.
 
     Returns
     -------
     bool
-        True for DNG, the RAW files of camera makers, and TIFF files with a mosaic of colour
-        filters.
+        True for DNG, makers' RAW files, and TIFF files with a mosaic of colour filters.
     """
     if data.startswith(_MAGICS) or data[4:12] == _CANON_3:
         return True
     if path.suffix.lower() in _ENDINGS and (is_tiff_like(data) or not data):
         return True
     pages = read_directories(data)
-    return bool(pages) and (data[8:12] in _PHASE_ONE or any(map(_holds_raw, pages)))
-
-
-def _holds_raw(page: Directory) -> bool:
-    """Return whether a page's tags are those of a sensor's numbers."""
-    return (
+    return bool(pages and data[8:12] in _PHASE_ONE) or any(
         page.has(DNG_VERSION)
         or page.number(PHOTOMETRIC, 0) in (CFA, LINEAR_RAW)
         or page.number(COMPRESSION, 0) in _MAKERS_COMPRESSIONS
+        for page in pages
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from labapp.common.console import print_json, print_message, print_table, terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
-from labapp.files.cube_paths import HDF5_ENDINGS
+from labapp.files.output_paths import HDF5_ENDINGS
 from labapp.files.picture.encoding import parse_encoding
 from labapp.files.writing import make_folder, require_all_writable, write_atomically
 from labapp.pictures.merging.bracket_files import BracketFiles, SensorNumbers, read_bracket_files

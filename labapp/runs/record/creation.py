@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 import labapp
 from drivers.interfaces import Identity
 from labapp.common.errors import UserError
-from labapp.files import nexus
-from labapp.files.hdf5_output import create_hdf5
+from labapp.files.hdf5_output import create_group, create_hdf5, program_versions
 from labapp.files.plan_file import ROLES
 from labapp.files.write_locks import close_locked, lock_file, move_into_place, name_draft
 from labapp.files.writing import require_writable, sync_to_disk
@@ -140,13 +139,13 @@ def _fill(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
             "labapp_format": layout.FORMAT,
         }
     )
-    entry = nexus.create_group(file, layout.ENTRY, "NXentry")
+    entry = create_group(file, layout.ENTRY, "NXentry")
     entry.attrs["default"] = "data"
     texts = {"title": c.title, "definition": "labapp_run", "start_time": utc_timestamp()}
     for name in ("plan", "bench", "scene", "effect_plan", "pictures", "faults", "capabilities"):
         texts[name] = json.dumps(getattr(c, name))
     texts["clock"] = c.clock
-    texts["versions"] = json.dumps(nexus.program_versions())
+    texts["versions"] = json.dumps(program_versions())
     for name, text in texts.items():
         ledger.write_text(entry, name, text)
     listed = ShotList.of(c.shots)
@@ -160,16 +159,14 @@ def _fill(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
         entry, "writer", np.array([writer_process.describe_this_process().encode()], layout.WRITER)
     )
     ledger.allocate(entry, "log_lost", np.zeros(1, np.uint64))
-    digests = nexus.create_group(file, layout.DIGESTS, "NXcollection")
+    digests = create_group(file, layout.DIGESTS, "NXcollection")
     for name in ("structure", "closing"):
         ledger.allocate(digests, name, np.zeros(1, layout.DIGEST))
     rows = layout.chain_capacity(len(c.shots))
     write_empty(ledger.reserve(digests, "chain", (rows,), layout.CHAIN_ROW))
-    instrument = nexus.create_group(entry, "instrument", "NXinstrument")
+    instrument = create_group(entry, "instrument", "NXinstrument")
     for name, identity in c.identities.items():
-        device = nexus.create_group(
-            instrument, name, "NXdetector" if name == "camera" else "NXobject"
-        )
+        device = create_group(instrument, name, "NXdetector" if name == "camera" else "NXobject")
         ledger.write_text(device, "model", identity.model)
         ledger.write_text(device, "serial", identity.serial)
         ledger.allocate(device, "simulated", np.array(identity.simulated))
@@ -180,7 +177,7 @@ def _fill(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
 
 
 def _fill_patterns(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
-    patterns = nexus.create_group(file, layout.PATTERNS, "NXcollection")
+    patterns = create_group(file, layout.PATTERNS, "NXcollection")
     videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
     lengths = [len(video) for video in videos]
     ledger.write_text(patterns, "names", list(c.patterns))
@@ -191,13 +188,11 @@ def _fill_patterns(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> N
     patterns["frame_time"].attrs["units"] = "s"
     sums = [sha256(image.tobytes()).hexdigest() for image in c.patterns.values()]
     ledger.write_text(patterns, "sha256", sums)
-    ledger.write_text(
-        nexus.create_group(file, "entry/targets", "NXcollection"), "names", list(c.targets)
-    )
+    ledger.write_text(create_group(file, "entry/targets", "NXcollection"), "names", list(c.targets))
 
 
 def _fill_data(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
-    data = nexus.create_group(file, layout.DATA, "NXdata")
+    data = create_group(file, layout.DATA, "NXdata")
     n, (rows, columns) = len(c.shots), c.frame_shape
     data.attrs.update({"signal": "images", "axes": list(layout.AXES)})
     for name, size in (("y", rows), ("x", columns)):

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 import labapp
 from labapp.common.errors import UserError
-from labapp.files import nexus
+from labapp.files.hdf5_output import create_group
 from labapp.files.plain_hdf5 import open_hdf5
 from labapp.files.plan_file import ROLES, PlanFile
 from labapp.files.reading import validate
@@ -127,7 +127,7 @@ def _write_structure(file: h5py.File, data: mmap.mmap, found: Mapping[str, Heade
             "labapp_format": layout.UNPROTECTED_FORMAT,
         }
     )
-    entry = nexus.create_group(file, layout.ENTRY, "NXentry")
+    entry = create_group(file, layout.ENTRY, "NXentry")
     entry.attrs["default"] = "data"
     for name in _TEXTS:
         write_text(entry, name, texts(name)[0])
@@ -135,15 +135,13 @@ def _write_structure(file: h5py.File, data: mmap.mmap, found: Mapping[str, Heade
     entry["expected_seconds"] = float(read("expected_seconds"))
     for name in ("state", "message", "end_time", "writer", "log"):
         entry.create_dataset(name, data=np.zeros(found[name].shape, found[name].dtype))
-    instrument = nexus.create_group(entry, "instrument", "NXinstrument")
+    instrument = create_group(entry, "instrument", "NXinstrument")
     for name in _DEVICES:
-        device = nexus.create_group(
-            instrument, name, "NXdetector" if name == "camera" else "NXobject"
-        )
+        device = create_group(instrument, name, "NXdetector" if name == "camera" else "NXobject")
         for one in ("model", "serial"):
             write_text(device, one, texts(f"instrument/{name}/{one}")[0])
         device["simulated"] = bool(read(f"instrument/{name}/simulated"))
-    patterns = nexus.create_group(file, layout.PATTERNS, "NXcollection")
+    patterns = create_group(file, layout.PATTERNS, "NXcollection")
     patterns["images"] = read("patterns/images")
     write_text(patterns, "names", texts("patterns/names"))
     patterns["first"] = read("patterns/first")
@@ -151,14 +149,14 @@ def _write_structure(file: h5py.File, data: mmap.mmap, found: Mapping[str, Heade
     patterns["frame_time"] = read("patterns/frame_time").tolist()
     patterns["frame_time"].attrs["units"] = "s"
     write_text(patterns, "sha256", texts("patterns/sha256"))
-    targets = nexus.create_group(file, "entry/targets", "NXcollection")
+    targets = create_group(file, "entry/targets", "NXcollection")
     write_text(targets, "names", texts("targets/names"))
     _write_data(file, found["data/images"].shape)
 
 
 def _write_data(file: h5py.File, shape: tuple[int, ...]) -> None:
     """Write the group of the frames, and their columns without content."""
-    data = nexus.create_group(file, layout.DATA, "NXdata")
+    data = create_group(file, layout.DATA, "NXdata")
     data.attrs.update({"signal": "images", "axes": list(layout.AXES)})
     reserve(data, "images", shape, np.dtype("u2"))
     data["images"].attrs.update({"units": "DN", "interpretation": "image"})
