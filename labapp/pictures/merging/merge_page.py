@@ -62,20 +62,6 @@ def state_rows(merged: MergedFiles) -> list[list[str]]:
     ]
 
 
-def sensor_rows(merged: MergedFiles) -> list[list[str]]:
-    """Return the rows of the table of the sensor's numbers."""
-    sensor, defects = merged.source.sensor, merged.source.defects
-    rows = [
-        ["gain", f"{sensor.gain:.4g} electrons/DN"],
-        ["read noise", f"{sensor.read_noise:.3g} electrons"],
-        ["dark current", f"{sensor.dark_current:.3g} electrons/s"],
-        ["full scale", f"{sensor.full_scale} DN"],
-    ]
-    if defects is not None:
-        rows.append(["defective pixels that were known", str(int(defects.sum()))])
-    return rows
-
-
 def merge_page(merged: MergedFiles, shown: bytes) -> str:
     """Return the whole report as an HTML page; shown: PNG of the light."""
     warnings = "".join(f"<p><strong>{escape(one)}</strong></p>" for one in merged.told)
@@ -122,9 +108,18 @@ def _trust(merged: MergedFiles) -> list[str]:
                 "(Debevec and Malik 1997). The light's unit is arbitrary",
             ),
         ]
+    sensor, defects = merged.source.sensor, merged.source.defects
+    rows = [
+        ["gain", f"{sensor.gain:.4g} electrons/DN"],
+        ["read noise", f"{sensor.read_noise:.3g} electrons"],
+        ["dark current", f"{sensor.dark_current:.3g} electrons/s"],
+        ["full scale", f"{sensor.full_scale} DN"],
+    ]
+    if defects is not None:
+        rows.append(["defective pixels that were known", str(int(defects.sum()))])
     return [
         "<h2>Sensor</h2>",
-        html_table(("", "value "), sensor_rows(merged)),
+        html_table(("", "value "), rows),
         f"<p>Source: {escape(merged.source.sensor_source)}.</p>",
         "<h2>Accuracy</h2>",
         f"<p>{escape(accuracy_words(merged.method, merged.accuracy))}.</p>",
