@@ -17,8 +17,7 @@ from labapp.common.figure_png import figure_to_png
 from labapp.edof.decoder_facts import describe_decoder
 from labapp.files.picture.photograph import Light
 from labapp.files.picture.photograph_writing import encode_srgb
-from labapp.pictures.reconstructing.decoding import DecodedPhotograph
-from labapp.pictures.reconstructing.decoding_request import DecodingProblem
+from labapp.pictures.reconstructing.decoding import DecodedPhotograph, DecodingProblem
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.restoration import RestoredPicture
 
