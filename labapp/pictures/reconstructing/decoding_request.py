@@ -14,7 +14,6 @@ from labapp.edof.shown_pattern import match_shown_pattern
 from labapp.edof.trained_pattern import TrainedPattern
 from labapp.files.picture.photograph import Light
 from labapp.pictures.reconstructing.decoding import DecodingProblem, prepare_problem
-from labapp.pictures.reconstructing.raw_to_restore import RawToRestore
 from labapp.pictures.reconstructing.recorded_photograph import is_record
 from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 from labapp.runs.record.reader import Record
@@ -44,30 +43,13 @@ class DecodingRequest:
         pattern = find_trained_pattern(self.decoder)
         if is_record(self.photograph.source):
             return self._read_record(pattern, progress)
-        if (raw := self.photograph.read_raw(progress)) is not None:
-            return self._prepare_raw(raw, pattern, progress)
-        return self._read_picture(pattern, progress)
-
-    def _prepare_raw(
-        self, raw: RawToRestore, pattern: TrainedPattern, progress: Progress
-    ) -> DecodingProblem:
-        """Prepare a RAW photograph for its decoder, which takes one band."""
         request = self.photograph
-        if raw.band_count > 1:
+        picture = request.read_picture(progress)
+        if picture.filters is not None and picture.band_count > 1:
             raise _colours_refused(request.source)
         progress.report(0.1, "the decoder's filter")
         decoder = build_decoder(pattern, None, progress.part(0.1, 0.8))
-        whole = raw.build_problem(
-            _mean_psf(decoder), _PSF_SOURCE, request.noise, reference=request.reference
-        )
-        return prepare_problem(whole, decoder, grey=False)
-
-    def _read_picture(self, pattern: TrainedPattern, progress: Progress) -> DecodingProblem:
-        request = self.photograph
-        picture = request.read_picture(progress)
-        progress.report(0.1, "the decoder's filter")
-        decoder = build_decoder(pattern, None, progress.part(0.1, 0.8))
-        whole = request.build_picture_problem(picture, _mean_psf(decoder), _PSF_SOURCE)
+        whole = picture.with_psf(_mean_psf(decoder), _PSF_SOURCE)
         return prepare_problem(whole, decoder, grey=request.choice.grey)
 
     def _read_record(self, pattern: TrainedPattern, progress: Progress) -> DecodingProblem:
@@ -83,7 +65,7 @@ class DecodingRequest:
         progress.report(0.3, "the decoder's filter")
         decoder = build_decoder(shown.pattern, shown.camera, progress.part(0.3, 0.8))
         whole = found.build_problem(_mean_psf(decoder), _PSF_SOURCE, request.noise)
-        notes = ()
+        notes: tuple[str, ...] = ()
         if not shown.same_levels:
             notes = (
                 "The panel was sent other grey levels than in the training, as a calibrated one "

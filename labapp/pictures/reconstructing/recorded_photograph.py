@@ -29,8 +29,6 @@ from labapp.runs.record.reader import Record
 from optics.inverse.blur import Border
 from optics.progress import Progress
 
-_RATE = "electrons per second"
-
 
 @dataclass(frozen=True)
 class RecordSelection:
@@ -72,12 +70,6 @@ class RecordedPhotograph:
     filters: ColourFilters | None
     dead_pixels: NDArray[np.bool_]
     frame: int | None = None
-
-    @property
-    def source(self) -> str:
-        """Name record, photograph and frame in words."""
-        frame = "" if self.frame is None else f", frame {self.frame}"
-        return f"{self.path}, {self.photograph.name}{frame}"
 
     @property
     def band_count(self) -> int:
@@ -126,13 +118,12 @@ class RecordedPhotograph:
             psf, psf_source = self.psf, f"star {self.roles.star!r} of the same run"
             if self.filters is not None and not self.filters.is_grey:
                 psf_source += ", in each colour"
+        frame = "" if self.frame is None else f", frame {self.frame}"
         return RestorationProblem(
             self.light.astype(np.float32),
-            psf.astype(np.float32),
             self.clipped_pixels,
-            self.source,
-            psf_source,
-            _RATE,
+            f"{self.path}, {self.photograph.name}{frame}",
+            "electrons per second",
             noise=noise,
             border=border,
             notes=notes,
@@ -141,6 +132,8 @@ class RecordedPhotograph:
             planned_iterations={"richardson-lucy": self.roles.iterations},
             filters=self.filters,
             variance=np.where(self.dead_pixels, np.inf, self.photograph.variance)[None],
+            psf=psf.astype(np.float32),
+            psf_source=psf_source,
         )
 
     @property
@@ -262,7 +255,8 @@ def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
         target, last = _last_stored_frame(record, names)
         coded = plan.coded if plan and record.select(target=target, pattern=plan.coded) else last
         pattern, wavelength = choice.pattern or coded, choice.wavelength
-    seen = _wavelengths(record, target, pattern)
+    frames = record.select(target=target, pattern=pattern)
+    seen: list[float] = np.unique(record.column("wavelength")[frames]).tolist()
     if not seen:
         raise UserError(
             f"{path}: has no frames of {target!r} with pattern {pattern!r}. Its patterns are "
@@ -329,10 +323,3 @@ def _frame_settings(record: Record, frame: int) -> tuple[str, str, float]:
     target, pattern = (int(record.column(name)[frame]) for name in ("target", "pattern"))
     wavelength = float(record.column("wavelength")[frame])
     return record.target_names[target], record.pattern_names[pattern], wavelength
-
-
-def _wavelengths(record: Record, target: str, pattern: str) -> list[float]:
-    """Return the wavelengths at which a target was recorded with a pattern, in metres."""
-    frames = record.select(target=target, pattern=pattern)
-    found: list[float] = np.unique(record.column("wavelength")[frames]).tolist()
-    return found
