@@ -98,7 +98,12 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
     target = _target_on_sensor(record.plan.patterns[roles.coded], camera, window)
     predicted = _predict_recorded_star(record, camera, roles, star.wavelength, window)
     total = float(measured.sum())
-    efficiency = None if target is None else metrics.efficiency(shape, target, total)
+    efficiency = contrast = None
+    if target is not None:
+        efficiency = metrics.efficiency(shape, target, total)
+        bright = target > 0.5 * target.max()
+        if float((shape[bright] / target[bright]).mean()) > 0:
+            contrast = metrics.speckle_contrast(shape, target, star.variance_without(share))
     return PSFReport(
         **vars(star),
         modulated_psf=shape,
@@ -106,7 +111,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
         predicted=predicted,
         unmodulated=share,
         efficiency=efficiency,
-        contrast=None if target is None else _contrast(shape, target, star.variance_without(share)),
+        contrast=contrast,
         prediction_error=None if predicted is None else metrics.relative_error(measured, predicted),
     )
 
@@ -156,13 +161,6 @@ def _separate_bands(bracket: Bracket, filters: ColourFilters | None) -> Picture:
     clipped = ~np.isfinite(bracket.variance)
     noise = float(np.sqrt(bracket.variance[~clipped].mean())) if not clipped.all() else 0.0
     return filters.separate(bracket.rate, noise, clipped).astype(np.float64)
-
-
-def _contrast(shape: Picture, target: Picture, noise: Picture) -> float | None:
-    """Return the speckle contrast; None if the PSF is dark where its target is bright."""
-    bright = target > 0.5 * target.max()
-    lit = float((shape[bright] / target[bright]).mean()) > 0
-    return metrics.speckle_contrast(shape, target, noise) if lit else None
 
 
 def bright_centroid(rate: Picture) -> tuple[int, int]:

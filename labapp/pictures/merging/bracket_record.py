@@ -13,9 +13,9 @@ from labapp.pictures.analysis.brackets import (
     RecordedBracket,
     dark_target,
     find_brackets,
+    known_defects,
     recorded_bracket,
 )
-from labapp.pictures.analysis.known_defects import known_defects
 from labapp.pictures.merging.bracket_files import BracketFiles, other_full_scale
 from labapp.runs.record.reader import Record
 from labapp.runs.recorded_calibrations import camera_in_force, clip_level_in_force, stale_camera

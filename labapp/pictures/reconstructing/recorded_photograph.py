@@ -18,7 +18,7 @@ from labapp.pictures.analysis.brackets import (
     dark_target,
     find_bracket,
     merge_all,
-    merge_frame,
+    merge_frames,
 )
 from labapp.pictures.analysis.colour_filters import ColourFilters, described_filters
 from labapp.pictures.analysis.dead_pixels import find_dead_pixels
@@ -205,7 +205,7 @@ def find_photograph(
         and abs(one.wavelength - photograph.wavelength) < WAVELENGTH_TOLERANCE
     ]
     if frame is not None:
-        photograph = merge_frame(record, frame)
+        photograph = merge_frames(record, [frame], dark_target(record.plan), record.camera.sensor)
     shown = _crop_recorded_star(record, brackets, roles) if star else None
     if shown is None:
         filters, psf = described_filters(record, photograph, roles.grey), None
