@@ -170,23 +170,18 @@ def _aligned(source: BracketFiles, motions: hdr.FrameMotions) -> BracketFiles:
 
     Darks and defects belong to the sensor's pixels, so that they are taken off before.
     """
-    full, found = source.sensor.full_scale, []
-    floor = -float(full)
-    level = source.sensor.black_level
+    full, level, found = source.sensor.full_scale, source.sensor.black_level, []
     for number in range(len(source.frames[0])):
         band = file_bracket(source, number)
         defects = hdr.find_defects(band).mask
         if source.defects is not None:
             defects = defects | source.defects
-        lit = [
-            np.asarray(frame, np.float32) - np.asarray(dark, np.float32) + np.float32(level)
-            for frame, dark in zip(band.frames, band.darks, strict=True)
-        ]
-        unknown = [(frame >= full) | defects for frame in band.frames]
-        lit = [
-            np.where(mask, np.float32(full), one) for one, mask in zip(lit, unknown, strict=True)
-        ]
-        found.append(align_band(lit, motions, unknown, full, floor)[0])
+        lit, unknown = [], []
+        for frame, dark in zip(band.frames, band.darks, strict=True):
+            unknown.append((frame >= full) | defects)
+            light = np.asarray(frame, np.float32) - np.asarray(dark, np.float32)
+            lit.append(np.where(unknown[-1], np.float32(full), light + np.float32(level)))
+        found.append(align_band(lit, motions, unknown, full, -float(full))[0])
     frames = [np.stack([band[number] for band in found]) for number in range(len(source.frames))]
     return replace(source, frames=frames, darks=[level] * len(frames), defects=None)
 

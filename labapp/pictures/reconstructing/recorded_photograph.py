@@ -239,10 +239,7 @@ def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
 
 
 def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
-    """Choose photograph, pattern, star and wavelength.
-
-    What the user didn't select is taken from the record's plan.
-    """
+    """Choose photograph, pattern, star and wavelength: as selected, or else as the plan says."""
     plan, path = record.plan.reconstruct, record.path
     star = choice.star or (plan.star if plan else "star")
     wavelength: float | None
