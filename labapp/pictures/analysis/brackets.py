@@ -27,11 +27,23 @@ _REACH = 2
 
 
 @dataclass(frozen=True)
-class Bracket:
+class _Frames:
+    """What frames are of: target and pattern by their names in the plan, and wavelength, metres."""
+
+    target: str
+    pattern: str
+    wavelength: float
+
+    @property
+    def name(self) -> str:
+        """Name target, pattern and wavelength in words."""
+        return f"{self.target}, {self.pattern}, {self.wavelength * 1e9:g} nm"
+
+
+@dataclass(frozen=True)
+class Bracket(_Frames):
     """The merged exposures of one target with one pattern at one wavelength.
 
-    target, pattern: names in the plan.
-    wavelength: metres.
     exposures: exposure times, seconds.
     rate, variance: (rows, columns), electrons per second and pixel, and the variance of this rate.
     clipped, dark: share of pixels that are clipped, or dark, in every exposure.
@@ -43,9 +55,6 @@ class Bracket:
         were filled from around them; None if none are known.
     """
 
-    target: str
-    pattern: str
-    wavelength: float
     exposures: list[float]
     rate: Picture
     variance: Picture
@@ -56,19 +65,13 @@ class Bracket:
     histogram: NDArray[np.int64]
     defects: NDArray[np.bool_] | None = None
 
-    @property
-    def name(self) -> str:
-        """Name target, pattern and wavelength in words."""
-        return _describe(self.target, self.pattern, self.wavelength)
-
 
 def merge_all(
     record: Record, progress: Progress, targets: Collection[str] | None = None
 ) -> list[Bracket]:
-    """Merge all recorded exposures, or only those of the given targets.
+    """Merge all recorded exposures, or those of the given targets, without the dark frames.
 
-    Gives a bracket for each target, pattern and wavelength. The dark frames themselves are left
-    out.
+    Gives a bracket for each target, pattern and wavelength.
     """
     sensor = record.camera.sensor
     dark = dark_target(record.plan)
@@ -81,21 +84,10 @@ def merge_all(
 
 
 @dataclass(frozen=True)
-class RecordedBracket:
-    """Where a record holds a bracket: the indices of its frames.
+class RecordedBracket(_Frames):
+    """Where a record holds a bracket: the indices of its frames; the wavelength was asked for."""
 
-    wavelength: metres, as it was asked for.
-    """
-
-    target: str
-    pattern: str
-    wavelength: float
     frames: list[int]
-
-    @property
-    def name(self) -> str:
-        """Name target, pattern and wavelength in words."""
-        return _describe(self.target, self.pattern, self.wavelength)
 
 
 def find_brackets(record: Record) -> list[RecordedBracket]:
@@ -110,10 +102,6 @@ def find_brackets(record: Record) -> list[RecordedBracket]:
         if target != dark
         and (frames := record.select(target=target, pattern=pattern, wavelength_asked=wavelength))
     ]
-
-
-def _describe(target: str, pattern: str, wavelength: float) -> str:
-    return f"{target}, {pattern}, {wavelength * 1e9:g} nm"
 
 
 def dark_target(plan: PlanFile) -> str:

@@ -149,15 +149,13 @@ def _read_frames(
             [read_photograph(path, encoding=encoding, page=page) for page in pages],
             [f"{path.name}, page {page + 1}" for page in pages],
         )
-    several = [path for path, count in zip(paths, counts, strict=True) if count > 1]
-    if several:
-        raise UserError(
-            f"{several[0]}: has {counts[list(paths).index(several[0])]} pages. Give a TIFF whose "
-            "pages are the frames by itself, or files of one picture each."
-        )
-    return [read_photograph(path, encoding=encoding) for path in paths], [
-        path.name for path in paths
-    ]
+    for path, count in zip(paths, counts, strict=True):
+        if count > 1:
+            raise UserError(
+                f"{path}: has {count} pages. Give a TIFF whose pages are the frames by itself, or "
+                "files of one picture each."
+            )
+    return [read_photograph(one, encoding=encoding) for one in paths], [one.name for one in paths]
 
 
 def require_times(exposures: Sequence[float] | None, count: int, kind: str) -> None:
@@ -272,14 +270,10 @@ def build_sensor(
             )
         # The well of a sensor that these describe never fills first.
         known = replace(CODED_SENSOR, bits=bits)
-    changes: dict[str, Any] = {
-        name: value
-        for name, value in (
-            ("gain", numbers.gain), ("read_noise", numbers.read_noise),
-            ("black_level", numbers.black),
-        )
-        if value is not None
+    told = {
+        "gain": numbers.gain, "read_noise": numbers.read_noise, "black_level": numbers.black,
     }  # fmt: skip
+    changes: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
     rows, columns = shape
     try:
         known = replace(known, shape=(rows, columns), colour=None, **changes)
@@ -316,8 +310,6 @@ def group_darks(darks: Sequence[Frame], count: int) -> tuple[list[Frame], list[f
         groups = [darks[number * each : (number + 1) * each] for number in range(count)]
     else:
         groups = [darks] * count
-    means: list[Frame] = []
-    for group in groups:
-        mean = np.asarray(np.mean(np.stack(group), axis=0, dtype=np.float64))
-        means.append(mean.astype(np.float32))
+    stacks = map(np.stack, groups)
+    means = [np.asarray(one.mean(axis=0, dtype=np.float64), np.float32) for one in stacks]
     return means, [float(len(group)) for group in groups]

@@ -29,10 +29,8 @@ _STATES = {
 
 def exposure_rows(merged: MergedFiles) -> list[list[str]]:
     """Return the rows of the table of exposures."""
-    rows = []
-    for number, (name, time) in enumerate(
-        zip(merged.source.names, merged.source.exposures, strict=True)
-    ):
+    rows, source = [], merged.source
+    for number, (name, time) in enumerate(zip(source.names, source.exposures, strict=True)):
         factor = _coded_factor(merged, number)
         if merged.factors is not None:
             found, deviation = merged.factors.factors[number], merged.factors.deviations[number]
@@ -55,11 +53,8 @@ def _coded_factor(merged: MergedFiles, number: int) -> str:
 
 def state_rows(merged: MergedFiles) -> list[list[str]]:
     """Return the rows of the table of pixel states; absent ones are left out."""
-    return [
-        [words, f"{merged.share(state):.3%}"]
-        for state, words in _STATES.items()
-        if merged.share(state)
-    ]
+    shares = {words: merged.share(state) for state, words in _STATES.items()}
+    return [[words, f"{share:.3%}"] for words, share in shares.items() if share]
 
 
 def merge_page(merged: MergedFiles, shown: bytes) -> str:

@@ -58,10 +58,8 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
         "noise_scatter": None if factors is None else factors.scatter,
         "warnings": merged.told,
         "notes": list(merged.notes),
-        "motion": None
-        if merged.motions is None
-        else describe_motions(merged.motions, merged.is_aligned),
-        "time_check": None if merged.coded_times is None else _describe_times(merged.coded_times),
+        "motion": merged.motions and describe_motions(merged.motions, merged.is_aligned),
+        "time_check": merged.coded_times and _describe_times(merged.coded_times),
         "clipped_share": merged.clipped,
         "states": {state.name: merged.share(state) for state in hdr.PixelState},
         "raw": None if source.raw is None else _describe_raw(merged, source.raw),

@@ -144,20 +144,19 @@ class RestorationProblem(BlurredPicture):
                 self.light[0], self.psf, self.noise, self.border, self.clipped[0]
             )
             return [replace(seen, is_numpy=False, least_noise=self.noise_floor)]
-        return [self._observation(number) for number in range(len(self.light))]
-
-    def _observation(self, number: int) -> Observation:
-        light, clipped = self.light[number], self.clipped[number]
-        sound = np.isfinite(light)
-        band = build_observation(
-            torch.from_numpy(np.where(sound, light, 0)),
-            self.psf[min(number, len(self.psf) - 1)],
-            self.noise,
-            self.border,
-            weights=None if sound.all() else sound.astype(np.float32),
-            clipped=clipped if clipped.any() else None,
-        )
-        return replace(band, least_noise=self.noise_floor)
+        found = []
+        for number, (light, clipped) in enumerate(zip(self.light, self.clipped, strict=True)):
+            sound = np.isfinite(light)
+            band = build_observation(
+                torch.from_numpy(np.where(sound, light, 0)),
+                self.psf[min(number, len(self.psf) - 1)],
+                self.noise,
+                self.border,
+                weights=None if sound.all() else sound.astype(np.float32),
+                clipped=clipped if clipped.any() else None,
+            )
+            found.append(replace(band, least_noise=self.noise_floor))
+        return found
 
     @cached_property
     def psf_scales(self) -> tuple[PSFScale, ...]:

@@ -27,7 +27,7 @@ def overview(analysis: RecordAnalysis) -> Figure:
     _photographs(middle, analysis)
     left, right = bottom.subplots(1, 2)
     draw_profile(left, analysis)
-    draw_histogram(right, [b for b in analysis.brackets if _is_coded(analysis, b)])
+    draw_histogram(right, _coded_brackets(analysis))
     return figure
 
 
@@ -68,8 +68,7 @@ def profile_figure(analysis: RecordAnalysis) -> Figure:
 def histogram_figure(analysis: RecordAnalysis) -> Figure:
     """Draw the histogram of the recorded digital numbers."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
-    brackets = [b for b in analysis.brackets if _is_coded(analysis, b)] or analysis.brackets
-    draw_histogram(figure.subplots(), brackets)
+    draw_histogram(figure.subplots(), _coded_brackets(analysis) or analysis.brackets)
     return figure
 
 
@@ -206,7 +205,8 @@ def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
     axes.legend(fontsize=8)
 
 
-def _is_coded(analysis: RecordAnalysis, bracket: Bracket) -> bool:
-    roles = analysis.roles
-    shown = (bracket.target, bracket.pattern)
-    return roles is not None and shown == (roles.photograph, roles.coded)
+def _coded_brackets(analysis: RecordAnalysis) -> list[Bracket]:
+    if analysis.roles is None:
+        return []
+    shown = (analysis.roles.photograph, analysis.roles.coded)
+    return [one for one in analysis.brackets if (one.target, one.pattern) == shown]
