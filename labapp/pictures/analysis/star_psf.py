@@ -164,10 +164,7 @@ def _separate_bands(bracket: Bracket, filters: ColourFilters | None) -> Picture:
 
 
 def bright_centroid(rate: Picture) -> tuple[int, int]:
-    """Return the pixel (y, x) at the centre of a star.
-
-    This is the centroid of the light in all pixels brighter than a fifth of the peak.
-    """
+    """Return the pixel (y, x) at the centroid of all pixels above a fifth of the peak."""
     y, x = np.nonzero(rate > 0.2 * rate.max())
     weight = rate[y, x]
     return round(float(np.average(y, weights=weight))), round(float(np.average(x, weights=weight)))
@@ -186,10 +183,9 @@ def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Pictur
 
 
 def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
-    """Return the share of unmodulated light, 0 to 1, in a measured PSF.
+    """Return the share of unmodulated light, 0 to 1, in a measured PSF that is dark at its centre.
 
-    The neutral PSF is fitted to the measured one by least squares in the pixels around the centre.
-    This holds for target shapes that leave their centre dark.
+    The neutral PSF is fitted there by least squares.
     """
     middle, core = neutral.shape[0] // 2, 3
     part = (slice(middle - core, middle + core + 1),) * 2

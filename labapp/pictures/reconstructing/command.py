@@ -66,7 +66,11 @@ def reconstruct_photograph(
             choice = replace(choice, speed=machine_speed(progress))
         outcome = restore_picture(problem, choice, progress.part(0.3, 0.9))
         progress.report(0.9, "drawing")
-        drawn = draw_before_after(problem, outcome, _captions(outcome))
+        captions = "Before", f"After: residual {outcome.residual:.2f}"
+        if outcome.scores is not None:
+            before, after = (f"{one.psnr:.2f} dB" for one in outcome.scores)
+            captions = f"Before: {before}", f"{captions[1]}, {after}"
+        drawn = draw_before_after(problem, outcome, captions)
         data = problem.encode_file(files.data, outcome.light)
         progress.report(1, "writing")
     write_atomically(files.data, data)
@@ -114,14 +118,6 @@ def _print_results(
     for file in (files.data, files.picture, files.estimated_psf):
         if file is not None:
             out.print(f"wrote {file}", soft_wrap=True)
-
-
-def _captions(outcome: RestoredPicture) -> tuple[str, str]:
-    after = f"After: residual {outcome.residual:.2f}"
-    if outcome.scores is None:
-        return "Before", after
-    before, now = outcome.scores
-    return f"Before: {before.psnr:.2f} dB", f"{after}, {now.psnr:.2f} dB"
 
 
 def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[str]]:

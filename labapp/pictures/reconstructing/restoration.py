@@ -18,7 +18,7 @@ from optics.inverse.observation import Observation
 from optics.inverse.observation_builder import with_doubted_variance
 from optics.inverse.restored_image import RestoredImage, residual_map
 from optics.inverse.variance_gain import VarianceGain, estimate_variance_gain
-from optics.inverse.verdict import PSFScale, Verdict, judge_restoration, refine_psf_scale
+from optics.inverse.verdict import Finding, PSFScale, Verdict, judge_restoration, refine_psf_scale
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -87,9 +87,8 @@ class RestoredPicture:
     @property
     def verdict(self) -> str:
         """Say in words what was found, each cause once."""
-        found = {one.cause: one for verdict in self.verdicts for one in verdict.findings}
         judged = all(verdict.judges_psf for verdict in self.verdicts)
-        return str(Verdict(tuple(found.values()), judged))
+        return str(Verdict(tuple(self._findings.values()), judged))
 
     def noise_source(self, problem: RestorationProblem) -> str:
         """Say how the noise is known."""
@@ -105,9 +104,12 @@ class RestoredPicture:
     @property
     def causes(self) -> list[str]:
         """Return the causes of what was found, each once."""
-        return list(
-            dict.fromkeys(one.cause for verdict in self.verdicts for one in verdict.findings)
-        )
+        return list(self._findings)
+
+    @property
+    def _findings(self) -> dict[str, Finding]:
+        """Return what was found, by its cause."""
+        return {one.cause: one for verdict in self.verdicts for one in verdict.findings}
 
 
 @single_threaded
@@ -143,26 +145,27 @@ def restore_picture(
         for number, band in enumerate(seen)
     )
     residual = float(np.sqrt(np.mean([band.residual**2 for band in found])))
-    told = () if refined else scales
-    verdicts = tuple(
-        judge_restoration(band, one, told[number] if told else None)
-        for number, (band, one) in enumerate(zip(seen, found, strict=True))
-    )
+    told = scales if scales and not refined else [None] * len(seen)
+    verdicts = tuple(map(judge_restoration, seen, found, told))
     spent = time.process_time() - started
     progress.report(1, "restored")
     shape = problem.light.shape[1:]
     light = np.concatenate([band.image.numpy().reshape(-1, *shape) for band in found])
     light = light.astype(np.float32)
-    left = np.stack(
-        [
-            residual_map(one, band).numpy().astype(np.float32)
-            for one, band in zip(seen, found, strict=True)
-        ]
-    )
+    left = [residual_map(one, band).numpy() for one, band in zip(seen, found, strict=True)]
     known = problem.reference
     scores = None if known is None else (known.score(problem.blurred_bands), known.score(light))
     return RestoredPicture(
-        light, left, found, residual, spent, verdicts, scales, refined, uses, scores
+        light,
+        np.stack(left).astype(np.float32),
+        found,
+        residual,
+        spent,
+        verdicts,
+        scales,
+        refined,
+        uses,
+        scores,
     )
 
 
