@@ -212,8 +212,5 @@ def build_plan(
 
 
 def whole_periods(request: RefinementRequest, period: float) -> list[int]:
-    """Convert exposures to whole video periods, rounded up, without duplicates.
-
-    `period` is in seconds.
-    """
+    """Convert exposures to whole video periods of so many seconds, rounded up, each once."""
     return sorted({max(1, math.ceil(ms * 1e-3 / period - 1e-6)) for ms in request.exposures_ms})

@@ -139,9 +139,9 @@ def _build_filters(
 
 
 def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters | None:
-    """Return a record's colour filters, with gains that its star shows.
+    """Return a record's colour filters with gains that its star, taken for white, shows.
 
-    The star's light counts as white. Returns None for a sensor without filters.
+    None for a sensor without filters.
     """
     mosaic = record.camera.sensor.colour
     if mosaic is None:
@@ -155,10 +155,7 @@ def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters 
 
 
 def described_filters(record: Record, picture: Bracket, is_grey: bool) -> ColourFilters | None:
-    """Return a record's colour filters, with gains from the sensor's description.
-
-    Returns None for a sensor without filters.
-    """
+    """Return a record's colour filters with gains as described; None for a sensor without any."""
     mosaic = record.camera.sensor.colour
     if mosaic is None:
         return None

@@ -79,10 +79,7 @@ class BlurredPicture:
 
     @cached_property
     def blurred_bands(self) -> Light:
-        """Return the bands before their restoration, (bands, rows, columns).
-
-        Behind colour filters they are estimated.
-        """
+        """Return the bands before their restoration; behind colour filters they are estimated."""
         if self.filters is None:
             return self.light
         noise = self.noise_floor if self.noise is None else self.noise
@@ -135,10 +132,7 @@ class RestorationProblem(BlurredPicture):
     psf_source: str = field(kw_only=True)
 
     def observations(self) -> list[Observation]:
-        """Return what each band shows: light, PSF and noise.
-
-        With colour filters, all bands are in one observation.
-        """
+        """Return what each band shows; with colour filters, all bands in one observation."""
         if self.filters is not None:
             seen = self.filters.observation(
                 self.light[0], self.psf, self.noise, self.border, self.clipped[0]

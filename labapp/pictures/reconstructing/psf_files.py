@@ -82,10 +82,7 @@ def _way(pixels: float, positive: str, negative: str) -> str:
 
 
 def _psf_warnings(path: Path, psf: Light) -> list[str]:
-    """Return warnings about a PSF that may be unfit.
-
-    Its edge may be too bright, or the file may be a mere drawing of the PSF in a file beside it.
-    """
+    """Warn of a PSF with a bright edge, and of one that may be a drawing of a file beside it."""
     said = []
     edge = np.concatenate([psf[:, 0], psf[:, -1], psf[:, :, 0], psf[:, :, -1]], axis=1)
     level = float(np.median(edge)) / float(psf.max())

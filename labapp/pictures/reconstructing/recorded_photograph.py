@@ -78,10 +78,7 @@ class RecordedPhotograph:
 
     @cached_property
     def clipped_pixels(self) -> NDArray[np.bool_]:
-        """Return a mask of the clipped pixels, (1, rows, columns).
-
-        The measured light of a clipped pixel is only a lower bound.
-        """
+        """Return the clipped pixels, (1, rows, columns), whose light is only a lower bound."""
         return ~np.isfinite(self.photograph.variance)[None] & ~self.dead_pixels
 
     @property
