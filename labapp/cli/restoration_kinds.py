@@ -26,8 +26,7 @@ def decode_photograph_file(
     inputs = (told["truth"], Path(decoder))
     places = restoration_output_paths(source, out, outputs[1], inputs, blind=False, force=force)
     use_one_thread()
-    from labapp.pictures.reconstructing.command import OutputFiles
-    from labapp.pictures.reconstructing.decoding_command import decode_for_command
+    from labapp.pictures.reconstructing.command import OutputFiles, decode_for_command
     from labapp.pictures.reconstructing.decoding_request import DecodingRequest
     from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
     from labapp.pictures.reconstructing.restoration_request import RestorationRequest

@@ -88,7 +88,9 @@ def linear_srgb_matrix(
             f"colours can't be told apart in light of {span}: channel {dark} gets none of it. "
             f"{_remedy(passband)}"
         )
-    reflectances = _training_reflectances()
+    patches = colour_library().SDS_COLOURCHECKERS[TRAINING_REFLECTANCES].values()
+    nm = _wavelengths() * 1e9
+    reflectances = np.array([np.interp(nm, one.wavelengths, one.values) for one in patches])
     photons = _photons(light, (low, high))
     signals = reflectances * photons @ _efficiencies(mosaic).T / white
     # White lies along (1, …, 1). What the rows do to it is fixed; the fit is across it.
@@ -218,13 +220,6 @@ def _white_signals(
     return white
 
 
-def _training_reflectances() -> NDArray[np.float64]:
-    """Return the reflectances that the matrix is fitted to, (patches, wavelengths)."""
-    patches = colour_library().SDS_COLOURCHECKERS[TRAINING_REFLECTANCES].values()
-    nm = _wavelengths() * 1e9
-    return np.array([np.interp(nm, patch.wavelengths, patch.values) for patch in patches])
-
-
 def _linear_srgb_of(reflectances: NDArray[np.float64], light: Spectrum) -> NDArray[np.float64]:
     """Return the linear sRGB of reflectances in a light that the eye is adapted to, (…, 3)."""
     colour = colour_library()
@@ -248,6 +243,5 @@ def _nanometres(wavelength: float) -> str:
 
 
 def _remedy(passband: tuple[float, float] | None) -> str:
-    if passband is None:
-        return "Take light of more wavelengths, or make a grey picture."
-    return "Take a wider filter, or light of more wavelengths, or make a grey picture."
+    wider = "" if passband is None else "a wider filter, or "
+    return f"Take {wider}light of more wavelengths, or make a grey picture."

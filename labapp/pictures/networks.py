@@ -38,10 +38,7 @@ def read_denoiser(path: Path) -> Denoise:
 
 
 def weights_file(weights: Mapping[str, torch.Tensor]) -> bytes:
-    """Return trained weights as bytes of an .npz file.
-
-    The file holds each weight under its name, in half precision.
-    """
+    """Return an .npz file that holds each weight under its name, in half precision."""
     buffer = io.BytesIO()
     halves = {name: value.to(torch.float16).numpy() for name, value in weights.items()}
     np.savez_compressed(buffer, **halves)  # type: ignore[arg-type]

@@ -2,7 +2,7 @@
 
 The SLM shows the frames of a design file, and the camera photographs their PSF. The picture is
 resampled to the design grid, where it replaces the computed PSF in the iterations
-(optics.retrieval.camera_feedback). `start` reads the design, `psf_exposure` takes a picture as an
-ordinary run, `sensor_view` maps the design grid to the sensor, and `psf_measurement` combines the
-three. `result`, `refinement_picture` and `refinement_report` hold and show the outcome.
+(optics.retrieval.camera_feedback). `start` reads the design, `sensor_view` maps the design grid to
+the sensor, and `psf_measurement` takes and measures a picture. `result` and `refinement_picture`
+hold and show the outcome.
 """

@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from labapp.bench.opening import Bench, BenchFiles, open_bench
+from labapp.common.console import print_message
 from labapp.common.errors import UserError
 from labapp.files.design_file import DesignContents, read_design, write_design
 from labapp.files.output_paths import is_design
 from labapp.files.writing import make_folder, require_free_names, require_writable, write_atomically
-from labapp.refining.psf_exposure import record_path
-from labapp.refining.psf_measurement import PSFMeasurer
-from labapp.refining.refinement_report import print_report, warn_of_missing_registration
+from labapp.refining.psf_measurement import PSFMeasurer, record_path
 from labapp.refining.refinement_request import RefinementRequest, with_star_size
-from labapp.refining.result import RefinementResult, refined_design_contents
+from labapp.refining.result import RefinementResult, print_report, refined_design_contents
 from labapp.refining.sensor_view import build_view
 from labapp.refining.start import build_start
 from labapp.runs.acquisition.attendance import AskOperator
@@ -85,9 +84,13 @@ def run_refinement(
     assert request.star_m is not None
     view = build_view(bench.file, start.goal, request.star_um * 1e-6, request.star_m)
     if not view.is_calibrated:
-        warn_of_missing_registration()
+        print_message(
+            "no registration is in force: the star is taken to be seen in the middle of the "
+            "sensor, with nothing turned or mirrored, by the bench file's distances. If that isn't "
+            "so, calibrate this bench first: labapp calibrate"
+        )
     make_folder(folder)
-    watcher = PSFMeasurer(bench, request, start, view, folder, force, ask, [])
+    watcher = PSFMeasurer(bench, request, start, view, folder, force, ask)
     try:
         found = refine(
             start.goal,

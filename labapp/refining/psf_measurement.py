@@ -1,21 +1,32 @@
-"""Measure the PSF of the shown frames with the bench's camera, on the design grid."""
+"""Measure the PSF of the shown frames with the bench's camera, on the design grid.
+
+A picture is an ordinary run: its plan and patterns are written, and its frames are a record.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
-from labapp.pictures.analysis.brackets import Bracket
-from labapp.refining.psf_exposure import record_path, take_picture
+from labapp.files.grey_table import ImagePattern
+from labapp.files.plan_file import PlanFile
+from labapp.files.plan_folder import PATTERN_FOLDER, write_plan
+from labapp.files.sensor_file import require_monochrome_sensor
+from labapp.pictures.analysis.brackets import Bracket, find_bracket, merge_all
 from labapp.refining.refinement_request import RefinementRequest
 from labapp.refining.sensor_view import SensorView
 from labapp.refining.start import RefinementStart
-from labapp.runs.acquisition.attendance import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator, Attendance
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.run_commands import require_complete
 from optics.metrics import scaled_nrmse, speckle_contrast
 from optics.progress import Progress
 from optics.retrieval.camera_feedback import JUDGED_TARGET_SHARE
@@ -61,23 +72,39 @@ class PSFMeasurer:
     folder: Path
     force: bool
     ask: AskOperator | None
-    measurements: list[MeasuredPSF]
+    measurements: list[MeasuredPSF] = field(default_factory=list)
 
     def __call__(self, phases: torch.Tensor, progress: Progress) -> torch.Tensor:
-        """Show phases (frames, rows, columns); return the measured PSF on the goal's plane."""
+        """Show phases (frames, rows, columns); return the measured PSF on the goal's plane.
+
+        Plan and patterns are written to `folder`/picture-N/, and the frames to
+        `folder`/picture-N.h5. Raises UserError if the bench or the run fails, and Cancelled if the
+        progress was cancelled.
+        """
         number = len(self.measurements) + 1
-        bracket = take_picture(
+        name, path = picture_name(number), record_path(self.folder, number)
+        greys = self.start.grey_levels(self.start.phases_on_panel(phases))
+        wavelength_nm, frame_time = self.start.spec.wavelength_nm, self.bench.slm.frame_time
+        plan = build_plan(self.request, wavelength_nm, number, len(greys), frame_time)
+        stills = [one for one, spec in plan.patterns.items() if isinstance(spec, ImagePattern)]
+        source = write_plan(self.folder / name, plan, dict(zip(stills, greys, strict=True)))
+        # The run has most of the picture's progress; merging has the rest.
+        running, merging = progress.part(0, 0.9), progress.part(0.9, 1)
+        outcome = run_plan(
             self.bench,
-            self.request,
-            self.start.spec.wavelength_nm,
-            self.start.grey_levels(self.start.phases_on_panel(phases)),
-            number,
-            self.folder,
+            plan,
+            path,
+            Attendance(progress=running, ask=self.ask),
+            source=str(source),
+            folder=source.parent,
             force=self.force,
-            progress=progress,
-            ask=self.ask,
         )
-        self.measurements.append(self._evaluate_bracket(bracket, record_path(self.folder, number)))
+        require_complete(outcome)
+        with Record(path) as record:
+            require_monochrome_sensor(record.camera.sensor, "labapp refine")
+            brackets = merge_all(record, merging)
+        bracket = find_bracket(brackets, "star", name, None, path)
+        self.measurements.append(self._evaluate_bracket(bracket, path))
         return self.measurements[-1].light
 
     def _evaluate_bracket(self, bracket: Bracket, record: Path) -> MeasuredPSF:
@@ -137,3 +164,53 @@ class PSFMeasurer:
             f"{record}: {clipped / len(variance):.1%} of the PSF is clipped in every exposure; the "
             f"shortest is {shortest:g} ms. {remedy}"
         )
+
+
+def picture_name(number: int) -> str:
+    """Return the name of a picture, from 1, for its record, folder and pattern."""
+    return f"picture-{number}"
+
+
+def record_path(folder: Path, number: int) -> Path:
+    return folder / f"{picture_name(number)}.h5"
+
+
+def build_plan(
+    request: RefinementRequest, wavelength_nm: float, number: int, frames: int, frame_time: float
+) -> PlanFile:
+    """Plan a picture of the star with a still or video, after dark frames.
+
+    Each exposure has two dark frames. `frame_time` is the time in seconds for which a frame of a
+    video is shown.
+    """
+    name = picture_name(number)
+    stills = [name] if frames == 1 else [f"{name}-{frame:04}" for frame in range(frames)]
+    patterns: dict[str, Any] = {
+        one: {"kind": "image", "file": f"{PATTERN_FOLDER}/{one}.png"} for one in stills
+    }
+    exposing: dict[str, Any] = {"exposures_ms": request.exposures_ms}
+    if frames > 1:
+        patterns |= {name: {"kind": "video", "frames": stills}}
+        exposing = {"periods": whole_periods(request, frames * frame_time)}
+    block = {"patterns": [name], "wavelengths_nm": [wavelength_nm], **exposing}
+    blocks = [block | {"targets": ["star"]}]
+    targets = {"star": {"place": request.star}}
+    if request.dark:
+        blocks.insert(0, block | {"targets": ["dark"], "role": "dark", "repeats": 2})
+        targets |= {"dark": {"place": request.dark}}
+    return PlanFile.model_validate(
+        {
+            "version": 1,
+            "title": f"Refinement, picture {number}",
+            # A seed of its own gives each picture of a virtual bench its own noise.
+            "seed": number,
+            "targets": targets,
+            "patterns": patterns,
+            "acquire": blocks,
+        }
+    )
+
+
+def whole_periods(request: RefinementRequest, period: float) -> list[int]:
+    """Convert exposures to whole video periods of so many seconds, rounded up, each once."""
+    return sorted({max(1, math.ceil(ms * 1e-3 / period - 1e-6)) for ms in request.exposures_ms})

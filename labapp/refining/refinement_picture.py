@@ -15,14 +15,16 @@ def draw_refinement(title: str, notes: str, result: RefinementResult) -> bytes:
     """Draw the first and the best measured PSF, the target, and the errors as a PNG file."""
     figure = Figure(figsize=(18, 4.9), dpi=100, layout="constrained")
     figure.suptitle(f"{title}\n{notes}", fontsize=12)
-    first, last, target, errors = figure.subplots(1, 4)
-    best = result.pictures[result.best]
-    _draw(first, result, result.pictures[0].light / result.pictures[0].scale)
-    first.set_title(f"Seen at first: NRMSE {result.pictures[0].nrmse:.3f}")
-    _draw(last, result, best.light / best.scale)
-    last.set_title(f"Seen at best, picture {result.best + 1}: NRMSE {best.nrmse:.3f}")
-    _draw(target, result, result.view.target)
-    target.set_title("Target, as the camera sees it")
+    *drawn, errors = figure.subplots(1, 4)
+    first, best = result.pictures[0], result.pictures[result.best]
+    shown = {
+        f"Seen at first: NRMSE {first.nrmse:.3f}": first.light / first.scale,
+        f"Seen at best, picture {result.best + 1}: NRMSE {best.nrmse:.3f}": best.light / best.scale,
+        "Target, as the camera sees it": result.view.target,
+    }
+    for axes, (heading, light) in zip(drawn, shown.items(), strict=True):
+        _draw(axes, result, light)
+        axes.set_title(heading)
     _draw_errors(errors, result)
     return figure_to_png(figure)
 

@@ -18,16 +18,10 @@ from optics.camera.pupil import panel_to_focus_distance
 class RefinementRequest(FileModel):
     """The options of `labapp refine`.
 
-    Attributes
-    ----------
-    pictures : int
-        Number of pictures of the PSF. The first shows the start; the last is only evaluated.
-    exposures_ms : tuple of float
-        Exposure bracket of each picture. Exposures of a video are rounded up to whole periods.
-    star, dark : str
-        Names of the targets. dark may be "" if the lamp can't be covered.
-    star_um, star_m : float or None
-        Diameter and distance of the pinhole. By default they are taken from the scene.
+    pictures: of the PSF. The first shows the start; the last is only evaluated.
+    exposures_ms: bracket of each picture. Those of a video are rounded up to whole periods.
+    star, dark: names of the targets. dark may be "" if the lamp can't be covered.
+    star_um, star_m: diameter and distance of the pinhole. By default they are the scene's.
     """
 
     pictures: Annotated[int, Field(ge=2, le=1000)] = 5

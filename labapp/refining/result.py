@@ -1,8 +1,8 @@
-"""The result of a refinement: its pictures, and the design that the best of them showed."""
+"""The result of a refinement: its pictures, the design that the best showed, and the report."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any
 
 import torch
 
+from labapp.common.console import out, print_json, print_message, print_table
 from labapp.files.bench_file import BenchFile
 from labapp.files.design_file import DesignContents, Grid
 from labapp.prediction.pattern_psf import predicted_psf
@@ -48,13 +49,8 @@ class RefinementResult:
             "registration": "calibrated" if self.view.is_calibrated else "described",
             "best": self.best + 1,
             "pictures": [
-                {
-                    "record": str(seen.record),
-                    "nrmse": seen.nrmse,
-                    "noise": seen.noise,
-                    "contrast": seen.contrast,
-                    "central": seen.central,
-                }
+                {"record": str(seen.record)}
+                | {name: getattr(seen, name) for name in ("nrmse", "noise", "contrast", "central")}
                 for seen in self.pictures
             ],
         }
@@ -82,10 +78,16 @@ def refined_design_contents(
         "nrmse": [quality.nrmse],
         "seen_nrmse": [seen.nrmse for seen in result.pictures],
     }
+    account = {
+        "from": str(design.resolve()),
+        "request": result.request.model_dump(mode="json"),
+        **result.refinement_record,
+    }
     target = goal.target / goal.target.sum()
     return replace(
         before,
-        settings=_settings(result, design, before.settings),
+        # This refinement is added to earlier ones.
+        settings={**before.settings, "refined": [*before.settings.get("refined", []), account]},
         bench=bench.model_dump(mode="json"),
         grey=greys,
         phase=phases.numpy(),
@@ -96,11 +98,56 @@ def refined_design_contents(
     )
 
 
-def _settings(result: RefinementResult, design: Path, before: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings of the new design, with this refinement added to earlier ones."""
-    account = {
-        "from": str(design.resolve()),
-        "request": result.request.model_dump(mode="json"),
-        **result.refinement_record,
-    }
-    return {**before, "refined": [*before.get("refined", []), account]}
+def print_report(result: RefinementResult, files: list[Path], *, as_json: bool) -> None:
+    """Print the errors of all pictures, advice, and the files written."""
+    label = result.start.spec.label
+    if as_json:
+        print_json(
+            {
+                "pattern": label,
+                "files": [str(file) for file in files],
+                **result.refinement_record,
+                "advice": advice(result),
+            }
+        )
+        return
+    columns = ["picture", "error of the shape ", "noise alone ", "speckle contrast ", "record"]
+    rows = [
+        [
+            f"{number + 1}{' (best)' if number == result.best else ''}",
+            *(f"{value:.4f}" for value in (seen.nrmse, seen.noise, seen.contrast)),
+            seen.record.name,
+        ]
+        for number, seen in enumerate(result.pictures)
+    ]
+    print_table(label, columns, rows)
+    for line in advice(result):
+        print_message(line)
+    wrote = [f"wrote {file}" for file in files]
+    wrote.append(f"records in {result.pictures[0].record.parent}")
+    out.print("\n".join(wrote), soft_wrap=True)
+
+
+def advice(result: RefinementResult) -> list[str]:
+    """Say what would give a better result; empty if nothing."""
+    said, best = [], result.pictures[result.best]
+    if result.best == 0:
+        said.append(
+            "no picture was better than the first: the design is as good as it was. Calibrate the "
+            "wavefront, check the registration, or take more pictures (--pictures)."
+        )
+    # The zeroth order makes more than half of the squared error.
+    if best.central > 0.5:
+        said.append(
+            f"{best.central:.0%} of the error that is left is light in the middle: what the panel "
+            "doesn't modulate stays there, whatever is shown. Design a shape beside the axis."
+        )
+    # Noise makes more than half of the error.
+    if best.noise > 0.5 * best.nrmse:
+        said.append(
+            "much of the error that is left is noise of the pictures: expose longer "
+            "(--exposures-ms)."
+        )
+    if result.best == len(result.pictures) - 1 and result.best > 0:
+        said.append("the last picture was the best one: more of them may gain more (--pictures).")
+    return said

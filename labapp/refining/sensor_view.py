@@ -140,10 +140,9 @@ def build_view(
 
 
 def nominal_registration(camera: Camera, wavelength: float) -> Registration:
-    """Return the registration that follows from the camera's description.
+    """Return the registration by the camera's description, which stands in for a measured one.
 
-    It stands in for a measured one. The axis meets the middle of the sensor, and nothing is rotated
-    or mirrored.
+    The axis meets the middle of the sensor, and nothing is rotated or mirrored.
     """
     scale = wavelength * camera.ray_matrix_b / camera.panel.pitch / camera.sensor.pitch
     rows, columns = camera.sensor.shape

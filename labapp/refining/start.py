@@ -53,9 +53,8 @@ class RefinementStart:
     def grey_levels(self, phases: torch.Tensor) -> NDArray[np.uint8]:
         """Return the grey levels of phases on the panel, (frames, rows, columns)."""
         panel, wavelength = self.goal.camera.panel, self.goal.wavelength
-        return np.stack(
-            [phase_to_grey(panel, phase, wavelength, self.orders).numpy() for phase in phases]
-        )
+        greys = [phase_to_grey(panel, phase, wavelength, self.orders) for phase in phases]
+        return np.stack([grey.numpy() for grey in greys])
 
 
 def build_start(contents: DesignContents, path: Path, camera: Camera) -> RefinementStart:
@@ -64,7 +63,14 @@ def build_start(contents: DesignContents, path: Path, camera: Camera) -> Refinem
     Raises UserError if the design isn't for a PSF's shape, or is for another panel.
     """
     spec = _spec(contents, path)
-    _require_panel(contents, path, camera)
+    panel, (rows, columns) = camera.panel, contents.grey.shape[1:]
+    same = np.isclose(contents.pixel_pitch, panel.pitch, rtol=1e-6, atol=0)
+    if (rows, columns) != panel.shape or not same:
+        raise UserError(
+            f"{path}: is for a panel of {columns} x {rows} pixels of "
+            f"{contents.pixel_pitch * 1e6:g} µm, and this bench's has {panel.shape[1]} x "
+            f"{panel.shape[0]} of {panel.pitch * 1e6:g} µm. Retrieve it for this bench."
+        )
     drawings = spec.target.video_drawings(len(contents.grey), Path())
     if len(drawings) > 1:
         raise UserError(
@@ -91,17 +97,6 @@ def _spec(contents: DesignContents, path: Path) -> PSFPattern:
             "labapp retrieve wrote."
         )
     return still
-
-
-def _require_panel(contents: DesignContents, path: Path, camera: Camera) -> None:
-    panel, (rows, columns) = camera.panel, contents.grey.shape[1:]
-    same = np.isclose(contents.pixel_pitch, panel.pitch, rtol=1e-6, atol=0)
-    if (rows, columns) != panel.shape or not same:
-        raise UserError(
-            f"{path}: is for a panel of {columns} x {rows} pixels of "
-            f"{contents.pixel_pitch * 1e6:g} µm, and this bench's has {panel.shape[1]} x "
-            f"{panel.shape[0]} of {panel.pitch * 1e6:g} µm. Retrieve it for this bench."
-        )
 
 
 def _phases(contents: DesignContents, camera: Camera, wavelength: float) -> torch.Tensor:

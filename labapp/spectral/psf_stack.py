@@ -13,7 +13,7 @@ from labapp.files.array_file import read_npy
 from labapp.files.cubes import SpectralCube, read_cube
 from labapp.files.cubes.hdf5_cube import DEFINITION
 from labapp.files.plain_hdf5 import open_plain_hdf5
-from labapp.pictures.analysis.psf_place import place_psf
+from labapp.pictures.reconstructing.psf_files import place_psf
 
 Picture = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from labapp.edof.trained_pattern import TrainedPattern, read_trained_pattern
 from labapp.files import design_file
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.pictures.reconstructing.pixel_preparation import average_squares, fill_gaps
+from labapp.pictures.reconstructing.decoding import average_squares, fill_gaps
 from labapp.runs.acquisition.runner import run_plan
 from optics.edof.decoders import extend_antisymmetrically
 from optics.edof.dioptres import midpoint_dioptres

@@ -21,7 +21,7 @@ from labapp.files.calibration_file import CalibrationFile, calibration_to_json
 from labapp.files.design_file import read_design, write_design
 from labapp.files.reading import read_file
 from labapp.refining.command import run_refinement
-from labapp.refining.psf_exposure import whole_periods
+from labapp.refining.psf_measurement import whole_periods
 from labapp.refining.refinement_request import RefinementRequest
 from labapp.refining.sensor_view import SensorView, nominal_registration
 from labapp.refining.start import build_start

@@ -6,14 +6,12 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.pictures.analysis.known_defects import fill_defects, known_defects
 from labapp.runs.record.reader import Record
 from optics import hdr
 from optics.camera import Sensor
@@ -24,13 +22,28 @@ Picture = NDArray[np.float64]
 WAVELENGTH_TOLERANCE = 1e-11
 """Difference in metres below which two wavelengths count as the same."""
 
+_REACH = 2
+"""Pixels of the same colour to either side from which a defective one is filled. Chosen."""
+
 
 @dataclass(frozen=True)
-class Bracket:
+class _Frames:
+    """What frames are of: target and pattern by their names in the plan, and wavelength, metres."""
+
+    target: str
+    pattern: str
+    wavelength: float
+
+    @property
+    def name(self) -> str:
+        """Name target, pattern and wavelength in words."""
+        return f"{self.target}, {self.pattern}, {self.wavelength * 1e9:g} nm"
+
+
+@dataclass(frozen=True)
+class Bracket(_Frames):
     """The merged exposures of one target with one pattern at one wavelength.
 
-    target, pattern: names in the plan.
-    wavelength: metres.
     exposures: exposure times, seconds.
     rate, variance: (rows, columns), electrons per second and pixel, and the variance of this rate.
     clipped, dark: share of pixels that are clipped, or dark, in every exposure.
@@ -42,9 +55,6 @@ class Bracket:
         were filled from around them; None if none are known.
     """
 
-    target: str
-    pattern: str
-    wavelength: float
     exposures: list[float]
     rate: Picture
     variance: Picture
@@ -55,19 +65,13 @@ class Bracket:
     histogram: NDArray[np.int64]
     defects: NDArray[np.bool_] | None = None
 
-    @property
-    def name(self) -> str:
-        """Name target, pattern and wavelength in words."""
-        return _describe(self.target, self.pattern, self.wavelength)
-
 
 def merge_all(
     record: Record, progress: Progress, targets: Collection[str] | None = None
 ) -> list[Bracket]:
-    """Merge all recorded exposures, or only those of the given targets.
+    """Merge all recorded exposures, or those of the given targets, without the dark frames.
 
-    Gives a bracket for each target, pattern and wavelength. The dark frames themselves are left
-    out.
+    Gives a bracket for each target, pattern and wavelength.
     """
     sensor = record.camera.sensor
     dark = dark_target(record.plan)
@@ -75,26 +79,15 @@ def merge_all(
     merged = []
     for number, one in enumerate(found):
         progress.report(number / len(found), f"merging {one.target}, {one.pattern}")
-        merged.append(_merge(record, one.frames, dark, sensor))
+        merged.append(merge_frames(record, one.frames, dark, sensor))
     return merged
 
 
 @dataclass(frozen=True)
-class RecordedBracket:
-    """Where a record holds a bracket: the indices of its frames.
+class RecordedBracket(_Frames):
+    """Where a record holds a bracket: the indices of its frames; the wavelength was asked for."""
 
-    wavelength: metres, as it was asked for.
-    """
-
-    target: str
-    pattern: str
-    wavelength: float
     frames: list[int]
-
-    @property
-    def name(self) -> str:
-        """Name target, pattern and wavelength in words."""
-        return _describe(self.target, self.pattern, self.wavelength)
 
 
 def find_brackets(record: Record) -> list[RecordedBracket]:
@@ -111,22 +104,12 @@ def find_brackets(record: Record) -> list[RecordedBracket]:
     ]
 
 
-def _describe(target: str, pattern: str, wavelength: float) -> str:
-    return f"{target}, {pattern}, {wavelength * 1e9:g} nm"
-
-
-def merge_frame(record: Record, index: int) -> Bracket:
-    """Return a single frame as a bracket of one exposure."""
-    sensor = record.camera.sensor
-    return _merge(record, [index], dark_target(record.plan), sensor)
-
-
 def dark_target(plan: PlanFile) -> str:
     """Return the name of the target under which a plan records its dark frames."""
     return plan.reconstruct.dark if plan.reconstruct else "dark"
 
 
-def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bracket:
+def merge_frames(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bracket:
     """Merge frames, each less the mean dark frame of its exposure."""
     first = indices[0]
     bracket = recorded_bracket(record, indices, dark, sensor)
@@ -136,9 +119,11 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
     state = merged.state.numpy()
     rate, variance = (one.numpy().astype(np.float64) for one in (merged.rate, merged.variance))
     if defects is not None:
-        fill_defects(rate, variance, defects, sensor)
+        _fill_defects(rate, variance, defects, sensor)
     times = np.unique(exposures).tolist()
     by_exposure = [frames[exposures == t] for t in times]
+    # Means of frames have fractions.
+    whole = (np.rint(f).astype(np.int64).ravel() for f in by_exposure)
     counts = [0 if math.isinf(count) else int(count) for count in bracket.dark_counts]
     return Bracket(
         target=record.target_names[record.column("target")[first]],
@@ -151,14 +136,9 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
         dark=float((state == hdr.DARK).mean()),
         clipped_by_exposure=[float((f >= sensor.full_scale).mean()) for f in by_exposure],
         dark_frames=min(counts),
-        histogram=np.stack([_histogram(f, 2**sensor.bits) for f in by_exposure]),
+        histogram=np.stack([np.bincount(f, minlength=2**sensor.bits) for f in whole]),
         defects=defects,
     )
-
-
-def _histogram(frames: NDArray[Any], levels: int) -> NDArray[np.int64]:
-    """Count the pixels of each whole digital number; means of frames have fractions."""
-    return np.bincount(np.rint(frames).astype(np.int64).ravel(), minlength=levels)
 
 
 def recorded_bracket(record: Record, indices: list[int], dark: str, sensor: Sensor) -> hdr.Bracket:
@@ -187,6 +167,47 @@ def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tu
         level = sensor.black_level + sensor.dark_current * exposure / sensor.gain
         return np.full(sensor.shape, level), 0
     return np.mean([record.image(i) for i in indices], axis=0), len(indices)
+
+
+def known_defects(record: Record) -> NDArray[np.bool_] | None:
+    """Return the defective pixels of a record's camera, (rows, columns).
+
+    None if no calibration of the camera was in force when the frames were taken, or if it lists
+    none. Raises UserError if the frames are of another size than the calibration.
+    """
+    calibration = record.bench.active_camera_calibration
+    if calibration is None or not calibration.defects.pixels:
+        return None
+    mask, shape = calibration.defect_mask(), record.whole_frame
+    if mask.shape != shape:
+        raise UserError(
+            f"{record.path}: its frames are {shape[1]} x {shape[0]} pixels, and its camera was "
+            f"calibrated with {mask.shape[1]} x {mask.shape[0]}. Remove the key "
+            "'camera_calibration' from the bench file, and take the pictures again."
+        )
+    return record.readouts[record.chosen_readout].read_mask(mask)
+
+
+def _fill_defects(
+    rate: Picture, variance: Picture, defects: NDArray[np.bool_], sensor: Sensor
+) -> None:
+    """Fill defective pixels in place from those of the same colour around them.
+
+    The rate, (rows, columns), becomes the median of the others, and the variance their mean squared
+    difference from it and their own. Pixels without any other stay.
+    """
+    pattern = sensor.colour.pattern if sensor.colour else ("M",)
+    steps = len(pattern), len(pattern[0])
+    for row, column in np.argwhere(defects):
+        around = tuple(
+            slice(max(n - _REACH * step, n % step), n + _REACH * step + 1, step)
+            for n, step in zip((row, column), steps, strict=True)
+        )
+        sound = ~defects[around] & np.isfinite(variance[around])
+        if sound.any():
+            others, own = rate[around][sound], variance[around][sound]
+            rate[row, column] = np.median(others)
+            variance[row, column] = np.mean((others - np.median(others)) ** 2 + own)
 
 
 def find_bracket(

@@ -118,18 +118,18 @@ class ColourFilters:
         )
 
 
-def build_filters(
+def _build_filters(
     mosaic: Mosaic,
     gains: NDArray[np.float64],
-    passband: tuple[float, float] | None = None,
-    is_grey: bool = False,
+    passband: tuple[float, float] | None,
+    is_grey: bool,
 ) -> ColourFilters:
     """Build colour filters, with their matrix, from a sensor's spectral curves.
 
     Raises UserError for light in which colours can't be told apart.
     """
-    channels, matrix = "".join(mosaic.channels), None
-    filters = ColourFilters(mosaic.pattern, channels, gains, matrix, passband, is_grey)
+    channels = "".join(mosaic.channels)
+    filters = ColourFilters(mosaic.pattern, channels, gains, None, passband, is_grey)
     if is_grey:
         return filters
     try:
@@ -139,9 +139,9 @@ def build_filters(
 
 
 def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters | None:
-    """Return a record's colour filters, with gains that its star shows.
+    """Return a record's colour filters with gains that its star, taken for white, shows.
 
-    The star's light counts as white. Returns None for a sensor without filters.
+    None for a sensor without filters.
     """
     mosaic = record.camera.sensor.colour
     if mosaic is None:
@@ -151,27 +151,16 @@ def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters 
     if not means.max() > 0:
         raise UserError(f"{record.path}: the star's frames are dark. Expose them longer.")
     gains = np.clip(means / means.max(), 1e-6, None)
-    return build_filters(mosaic, gains, passband(record, star), is_grey)
+    return _build_filters(mosaic, gains, passband_at(record, star.wavelength), is_grey)
 
 
 def described_filters(record: Record, picture: Bracket, is_grey: bool) -> ColourFilters | None:
-    """Return a record's colour filters, with gains from the sensor's description.
-
-    Returns None for a sensor without filters.
-    """
+    """Return a record's colour filters with gains as described; None for a sensor without any."""
     mosaic = record.camera.sensor.colour
     if mosaic is None:
         return None
-    band = passband(record, picture)
-    return build_filters(mosaic, white_balance(mosaic, None, band), band, is_grey)
-
-
-def passband(record: Record, picture: Bracket) -> tuple[float, float] | None:
-    """Return the wavelengths between which the bench's filter let light through, in metres.
-
-    None for a wheel without a slot of known bandwidth there.
-    """
-    return passband_at(record, picture.wavelength)
+    band = passband_at(record, picture.wavelength)
+    return _build_filters(mosaic, white_balance(mosaic, None, band), band, is_grey)
 
 
 def passband_at(record: Record, wavelength: float) -> tuple[float, float] | None:

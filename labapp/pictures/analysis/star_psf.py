@@ -98,7 +98,12 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
     target = _target_on_sensor(record.plan.patterns[roles.coded], camera, window)
     predicted = _predict_recorded_star(record, camera, roles, star.wavelength, window)
     total = float(measured.sum())
-    efficiency = None if target is None else metrics.efficiency(shape, target, total)
+    efficiency = contrast = None
+    if target is not None:
+        efficiency = metrics.efficiency(shape, target, total)
+        bright = target > 0.5 * target.max()
+        if float((shape[bright] / target[bright]).mean()) > 0:
+            contrast = metrics.speckle_contrast(shape, target, star.variance_without(share))
     return PSFReport(
         **vars(star),
         modulated_psf=shape,
@@ -106,7 +111,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
         predicted=predicted,
         unmodulated=share,
         efficiency=efficiency,
-        contrast=None if target is None else _contrast(shape, target, star.variance_without(share)),
+        contrast=contrast,
         prediction_error=None if predicted is None else metrics.relative_error(measured, predicted),
     )
 
@@ -158,18 +163,8 @@ def _separate_bands(bracket: Bracket, filters: ColourFilters | None) -> Picture:
     return filters.separate(bracket.rate, noise, clipped).astype(np.float64)
 
 
-def _contrast(shape: Picture, target: Picture, noise: Picture) -> float | None:
-    """Return the speckle contrast; None if the PSF is dark where its target is bright."""
-    bright = target > 0.5 * target.max()
-    lit = float((shape[bright] / target[bright]).mean()) > 0
-    return metrics.speckle_contrast(shape, target, noise) if lit else None
-
-
 def bright_centroid(rate: Picture) -> tuple[int, int]:
-    """Return the pixel (y, x) at the centre of a star.
-
-    This is the centroid of the light in all pixels brighter than a fifth of the peak.
-    """
+    """Return the pixel (y, x) at the centroid of all pixels above a fifth of the peak."""
     y, x = np.nonzero(rate > 0.2 * rate.max())
     weight = rate[y, x]
     return round(float(np.average(y, weights=weight))), round(float(np.average(x, weights=weight)))
@@ -188,10 +183,9 @@ def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Pictur
 
 
 def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
-    """Return the share of unmodulated light, 0 to 1, in a measured PSF.
+    """Return the share of unmodulated light, 0 to 1, in a measured PSF that is dark at its centre.
 
-    The neutral PSF is fitted to the measured one by least squares in the pixels around the centre.
-    This holds for target shapes that leave their centre dark.
+    The neutral PSF is fitted there by least squares.
     """
     middle, core = neutral.shape[0] // 2, 3
     part = (slice(middle - core, middle + core + 1),) * 2

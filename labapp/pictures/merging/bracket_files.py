@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.guarded_reading import read_bytes
 from labapp.files.picture.encoding import Encoding
+from labapp.files.picture.opening import count_pages
 from labapp.files.picture.photograph import Photograph, read_photograph
 from labapp.files.raw import RawPhotograph
 from labapp.files.sensor_file import read_sensor
-from labapp.pictures.merging.bracket_pages import read_frames
 from labapp.pictures.merging.exposure_facts import choose_times
 from optics.camera import Sensor
 
@@ -90,13 +91,19 @@ def read_bracket_files(
     exposures: seconds; None for those that the files tell. Raises UserError for files that don't
     fit together, and for a sensor of which too little is known.
     """
-    photographs, names = read_frames(paths, encoding)
+    photographs, names = _read_frames(paths, encoding)
     require_times(exposures, len(names), "files" if len(paths) == len(names) else "pages")
     _require_one_kind(photographs)
     told = sensor_file is not None or numbers != SensorNumbers() or darks or encoding is not None
-    is_coded = not told and all(_has_response(one) for one in photographs)
+    # Coded levels of 8 bits are of a response curve, a camera's own.
+    is_coded = not told and all(
+        one.is_coded and one.levels.dtype == np.uint8 for one in photographs
+    )
     times, notes, doubts = choose_times(photographs, exposures, is_coded)
-    notes += _reading_notes(photographs, is_coded)
+    first = photographs[0]
+    if not is_coded:
+        notes.append(f"numbers are {first.encoding.name}: {first.encoding_source}")
+    notes += dict.fromkeys(note for one in photographs for note in one.remarks)
     frames = [one.levels if is_coded else _numbers(one) for one in photographs]
     for name, frame in zip(names, frames, strict=True):
         if frame.shape != frames[0].shape:
@@ -110,7 +117,10 @@ def read_bracket_files(
             names, frames, times, levels, [math.inf] * len(frames), CODED_SENSOR, is_coded=True,
             doubts=tuple(doubts), notes=tuple(notes), may_move=True,
         )  # fmt: skip
-    sensor = build_sensor(sensor_file, numbers, _bits(photographs[0]), frames[0].shape[1:])
+    bits = 16
+    if not first.is_coded and first.white is not None:
+        bits = min(16, int(first.white).bit_length())
+    sensor = build_sensor(sensor_file, numbers, bits, frames[0].shape[1:])
     means, counts = _mean_darks(darks, frames[0], len(frames), sensor, encoding)
     return BracketFiles(
         names, frames, times, means, counts, sensor,
@@ -120,6 +130,34 @@ def read_bracket_files(
     )  # fmt: skip
 
 
+def _read_frames(
+    paths: Sequence[Path], encoding: Encoding | None
+) -> tuple[list[Photograph], list[str]]:
+    """Read photographs, and return them with their names.
+
+    The pages of a single TIFF are frames, in their order. Raises UserError for files of which one
+    has several pages.
+    """
+    counts = [
+        count_pages(path, read_bytes(path)) if path.suffix.lower() in (".tif", ".tiff") else 1
+        for path in paths
+    ]
+    if len(paths) == 1 and counts[0] > 1:
+        (path,) = paths
+        pages = range(counts[0])
+        return (
+            [read_photograph(path, encoding=encoding, page=page) for page in pages],
+            [f"{path.name}, page {page + 1}" for page in pages],
+        )
+    for path, count in zip(paths, counts, strict=True):
+        if count > 1:
+            raise UserError(
+                f"{path}: has {count} pages. Give a TIFF whose pages are the frames by itself, or "
+                "files of one picture each."
+            )
+    return [read_photograph(one, encoding=encoding) for one in paths], [one.name for one in paths]
+
+
 def require_times(exposures: Sequence[float] | None, count: int, kind: str) -> None:
     """Raise UserError unless there is a time for each frame, if any is told."""
     if exposures is not None and len(exposures) != count:
@@ -127,18 +165,6 @@ def require_times(exposures: Sequence[float] | None, count: int, kind: str) -> N
             f"--exposures has {len(exposures)} times for {count} {kind}. Give one for each, in "
             "their order, as in --exposures 0.001,0.004,0.016."
         )
-
-
-def _reading_notes(photographs: Sequence[Photograph], is_coded: bool) -> list[str]:
-    """Say in words how the files were read, each thing once."""
-    first = photographs[0]
-    told = [] if is_coded else [f"numbers are {first.encoding.name}: {first.encoding_source}"]
-    return [*told, *dict.fromkeys(note for one in photographs for note in one.remarks)]
-
-
-def _has_response(photograph: Photograph) -> bool:
-    """Return whether a photograph has 8-bit levels of a response curve, a camera's own."""
-    return photograph.is_coded and photograph.levels.dtype == np.uint8
 
 
 def equal_times(times: Sequence[float]) -> list[str]:
@@ -203,13 +229,6 @@ def _require_one_kind(photographs: Sequence[Photograph]) -> None:
             )
 
 
-def _bits(photograph: Photograph) -> int:
-    """Return the bits of the numbers to merge: those of the file, 16 at most."""
-    if photograph.is_coded or photograph.white is None:
-        return 16
-    return min(16, int(photograph.white).bit_length())
-
-
 def _numbers(photograph: Photograph) -> Frame:
     """Return numbers proportional to light; sRGB levels become 16-bit ones."""
     if photograph.is_coded:
@@ -243,15 +262,18 @@ def build_sensor(
     if path is not None:
         known = read_sensor(path.name, path.parent).build()
     else:
-        known = _described_sensor(numbers, bits)
-    changes: dict[str, Any] = {
-        name: value
-        for name, value in (
-            ("gain", numbers.gain), ("read_noise", numbers.read_noise),
-            ("black_level", numbers.black),
-        )
-        if value is not None
+        if numbers.gain is None or numbers.read_noise is None:
+            raise UserError(
+                "the noise of the sensor isn't known: give --sensor FILE, or --gain (electrons per "
+                "digital number) and --read-noise (electrons). labapp calibrate --camera "
+                "measures them."
+            )
+        # The well of a sensor that these describe never fills first.
+        known = replace(CODED_SENSOR, bits=bits)
+    told = {
+        "gain": numbers.gain, "read_noise": numbers.read_noise, "black_level": numbers.black,
     }  # fmt: skip
+    changes: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
     rows, columns = shape
     try:
         known = replace(known, shape=(rows, columns), colour=None, **changes)
@@ -262,17 +284,6 @@ def build_sensor(
     except ValueError as error:
         raise UserError(f"the sensor's numbers can't be: {error}.") from error
     return known
-
-
-def _described_sensor(numbers: SensorNumbers, bits: int) -> Sensor:
-    """Return the sensor that --gain and --read-noise describe; its well never fills first."""
-    if numbers.gain is None or numbers.read_noise is None:
-        raise UserError(
-            "the noise of the sensor isn't known: give --sensor FILE, or --gain (electrons per "
-            "digital number) and --read-noise (electrons). labapp calibrate --camera "
-            "measures them."
-        )
-    return Sensor(bits=bits, full_well=1e9, dark_current=0.0, black_level=0.0)
 
 
 def _mean_darks(
@@ -299,8 +310,6 @@ def group_darks(darks: Sequence[Frame], count: int) -> tuple[list[Frame], list[f
         groups = [darks[number * each : (number + 1) * each] for number in range(count)]
     else:
         groups = [darks] * count
-    means: list[Frame] = []
-    for group in groups:
-        mean = np.asarray(np.mean(np.stack(group), axis=0, dtype=np.float64))
-        means.append(mean.astype(np.float32))
+    stacks = map(np.stack, groups)
+    means = [np.asarray(one.mean(axis=0, dtype=np.float64), np.float32) for one in stacks]
     return means, [float(len(group)) for group in groups]

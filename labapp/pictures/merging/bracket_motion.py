@@ -122,16 +122,13 @@ def align_band(
     """
     shown, absent = [], []
     for number, (frame, mask) in enumerate(zip(frames, unknown, strict=True)):
+        placed, outside = frame, np.full(frame.shape, number in motions.lost)
         if number in motions.lost:
-            shown.append(np.full(frame.shape, full, np.float32))
-            absent.append(np.ones(frame.shape, dtype=bool))
-            continue
-        if number not in motions.shifted:
-            shown.append(frame)
-            absent.append(np.zeros(frame.shape, dtype=bool))
-            continue
-        values, rests, outside = resample_moved(frame, motions.motions[number], mask)
-        values[rests | outside] = full
-        shown.append(np.clip(values, floor, full))
+            placed = np.full(frame.shape, full, np.float32)
+        elif number in motions.shifted:
+            placed, rests, outside = resample_moved(frame, motions.motions[number], mask)
+            placed[rests | outside] = full
+            placed = np.clip(placed, floor, full)
+        shown.append(placed)
         absent.append(outside)
     return shown, absent

@@ -13,9 +13,9 @@ from labapp.pictures.analysis.brackets import (
     RecordedBracket,
     dark_target,
     find_brackets,
+    known_defects,
     recorded_bracket,
 )
-from labapp.pictures.analysis.known_defects import known_defects
 from labapp.pictures.merging.bracket_files import BracketFiles, other_full_scale
 from labapp.runs.record.reader import Record
 from labapp.runs.recorded_calibrations import camera_in_force, clip_level_in_force, stale_camera
@@ -55,19 +55,19 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
         bracket = recorded_bracket(record, frames, dark_target(record.plan), sensor)
         defects = known_defects(record)
         source = f"{camera_in_force(record)}; {clip_level_in_force(record)}"
-        doubts = stale_camera(record)
-        images, times = list(bracket.frames), bracket.times.tolist()
-        doubts = [*doubts, *other_full_scale(images, times, sensor, _REMEDY)]
+        times = bracket.times.tolist()
+        piled = other_full_scale(list(bracket.frames), times, sensor, _REMEDY)
+        doubts = (*stale_camera(record), *piled)
     return BracketFiles(
         [f"frame {index}" for index in frames],
         [np.asarray(frame)[None] for frame in bracket.frames],
-        bracket.times.tolist(),
+        times,
         [np.asarray(one)[None] for one in bracket.darks],
         bracket.dark_counts.tolist(),
         sensor,
         defects,
         sensor_source=source,
-        doubts=tuple(doubts),
+        doubts=doubts,
     )
 
 

@@ -29,10 +29,8 @@ _STATES = {
 
 def exposure_rows(merged: MergedFiles) -> list[list[str]]:
     """Return the rows of the table of exposures."""
-    rows = []
-    for number, (name, time) in enumerate(
-        zip(merged.source.names, merged.source.exposures, strict=True)
-    ):
+    rows, source = [], merged.source
+    for number, (name, time) in enumerate(zip(source.names, source.exposures, strict=True)):
         factor = _coded_factor(merged, number)
         if merged.factors is not None:
             found, deviation = merged.factors.factors[number], merged.factors.deviations[number]
@@ -55,25 +53,8 @@ def _coded_factor(merged: MergedFiles, number: int) -> str:
 
 def state_rows(merged: MergedFiles) -> list[list[str]]:
     """Return the rows of the table of pixel states; absent ones are left out."""
-    return [
-        [words, f"{merged.share(state):.3%}"]
-        for state, words in _STATES.items()
-        if merged.share(state)
-    ]
-
-
-def sensor_rows(merged: MergedFiles) -> list[list[str]]:
-    """Return the rows of the table of the sensor's numbers."""
-    sensor, defects = merged.source.sensor, merged.source.defects
-    rows = [
-        ["gain", f"{sensor.gain:.4g} electrons/DN"],
-        ["read noise", f"{sensor.read_noise:.3g} electrons"],
-        ["dark current", f"{sensor.dark_current:.3g} electrons/s"],
-        ["full scale", f"{sensor.full_scale} DN"],
-    ]
-    if defects is not None:
-        rows.append(["defective pixels that were known", str(int(defects.sum()))])
-    return rows
+    shares = {words: merged.share(state) for state, words in _STATES.items()}
+    return [[words, f"{share:.3%}"] for words, share in shares.items() if share]
 
 
 def merge_page(merged: MergedFiles, shown: bytes) -> str:
@@ -122,9 +103,18 @@ def _trust(merged: MergedFiles) -> list[str]:
                 "(Debevec and Malik 1997). The light's unit is arbitrary",
             ),
         ]
+    sensor, defects = merged.source.sensor, merged.source.defects
+    rows = [
+        ["gain", f"{sensor.gain:.4g} electrons/DN"],
+        ["read noise", f"{sensor.read_noise:.3g} electrons"],
+        ["dark current", f"{sensor.dark_current:.3g} electrons/s"],
+        ["full scale", f"{sensor.full_scale} DN"],
+    ]
+    if defects is not None:
+        rows.append(["defective pixels that were known", str(int(defects.sum()))])
     return [
         "<h2>Sensor</h2>",
-        html_table(("", "value "), sensor_rows(merged)),
+        html_table(("", "value "), rows),
         f"<p>Source: {escape(merged.source.sensor_source)}.</p>",
         "<h2>Accuracy</h2>",
         f"<p>{escape(accuracy_words(merged.method, merged.accuracy))}.</p>",

@@ -1,4 +1,7 @@
-"""Merge frames from files band by band, with exposures as the frames show them."""
+"""Merge frames of a bracket band by band, with exposures as the frames show them.
+
+8-bit pictures are merged by their response curve, with times and motion checked.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,9 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import ndimage
 
+from labapp.common.errors import UserError
 from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.merging.bracket_files import BracketFiles
 from labapp.pictures.merging.bracket_motion import (
@@ -20,7 +25,6 @@ from labapp.pictures.merging.bracket_motion import (
     explain_alignment,
     explain_motions,
 )
-from labapp.pictures.merging.coded_bracket import merge_coded_bands
 from labapp.pictures.merging.mosaic_colours import bracket_filters, merged_colours
 from optics import hdr
 from optics.progress import Progress
@@ -50,6 +54,13 @@ above which it isn't rounding that makes zeros. Chosen."""
 _BRIGHT = 10.0
 """Standard deviations of its noise from which on a pixel is bright, so that the dark ones around it
 may be the scene's own, as around a star. Chosen: chance reaches six in ten megapixels."""
+
+_FULL = 255
+"""Highest number of an 8-bit picture."""
+
+_BLOCK, _MOST = 16, 0.8
+"""Side of a block in pixels, and part of it that contradicts itself from which on something moved
+there. Chosen: at edges, up to half of them do that were interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,23 +170,18 @@ def _aligned(source: BracketFiles, motions: hdr.FrameMotions) -> BracketFiles:
 
     Darks and defects belong to the sensor's pixels, so that they are taken off before.
     """
-    full, found = source.sensor.full_scale, []
-    floor = -float(full)
-    level = source.sensor.black_level
+    full, level, found = source.sensor.full_scale, source.sensor.black_level, []
     for number in range(len(source.frames[0])):
         band = file_bracket(source, number)
         defects = hdr.find_defects(band).mask
         if source.defects is not None:
             defects = defects | source.defects
-        lit = [
-            np.asarray(frame, np.float32) - np.asarray(dark, np.float32) + np.float32(level)
-            for frame, dark in zip(band.frames, band.darks, strict=True)
-        ]
-        unknown = [(frame >= full) | defects for frame in band.frames]
-        lit = [
-            np.where(mask, np.float32(full), one) for one, mask in zip(lit, unknown, strict=True)
-        ]
-        found.append(align_band(lit, motions, unknown, full, floor)[0])
+        lit, unknown = [], []
+        for frame, dark in zip(band.frames, band.darks, strict=True):
+            unknown.append((frame >= full) | defects)
+            light = np.asarray(frame, np.float32) - np.asarray(dark, np.float32)
+            lit.append(np.where(unknown[-1], np.float32(full), light + np.float32(level)))
+        found.append(align_band(lit, motions, unknown, full, -float(full))[0])
     frames = [np.stack([band[number] for band in found]) for number in range(len(source.frames))]
     return replace(source, frames=frames, darks=[level] * len(frames), defects=None)
 
@@ -230,25 +236,82 @@ def _merge_coded(
     progress: Progress,
     motions: hdr.FrameMotions | None,
 ) -> MergedFiles:
-    """Merge 8-bit pictures, each band by the response curve that it shows."""
-    found = merge_coded_bands(source, refine, align, progress, motions)
-    rate, variance, state = (_join_bands(every) for every in zip(*found.bands, strict=True))
+    """Merge each band of 8-bit pictures by the response curve that it shows.
+
+    Exposure times are checked, and a wrong one is corrected. Raises UserError for frames out of
+    order, and if nothing tells a curve.
+    """
+    _require_order(source)
+    progress.report(0.0, "comparing frames")
+    motions = motions or bracket_motions(source)
     told = [
         "the response curve of these 8-bit pictures was measured on them. If numbers are sRGB's, "
         "or linear, say so by --encoding srgb or linear, with --gain and --read-noise",
         *source.doubts,
-        *found.told,
+        *([] if align else explain_motions(motions)),
     ]
-    clipped = [float((frame > hdr.HIGHEST).mean()) for frame in source.frames]
-    notes = list(source.notes)
-    if align:
-        notes += explain_alignment(found.motions)
-    if refine and len(source.frames) == 2:
-        notes.append("two frames of 8-bit pictures can't tell whether exposure times are right")
+    notes = [*source.notes, *(explain_alignment(motions) if align else [])]
+    times, checked = np.array(source.exposures), None
+    if refine:
+        checked = hdr.check_coded_times(source.frames, times, motions.motions)
+        told += checked.explain()
+        times = times * checked.corrections
+        if len(source.frames) == 2:
+            notes.append("two frames of 8-bit pictures can't tell whether exposure times are right")
+    found, curves, count = [], list[hdr.ResponseCurve](), len(source.frames[0])
+    for number in range(count):
+        frames = [frame[number] for frame in source.frames]
+        clipped = [one > hdr.HIGHEST for one in frames]
+        # A curve is told by pixels that see one place, whether or not the light is merged so.
+        aligned, outside = align_band(frames, motions, clipped, _FULL, 0)
+        aligned = [one.astype(np.float32) for one in aligned]
+        try:
+            curves.append(hdr.fit_response(aligned, times))
+        except ValueError as error:
+            raise UserError(
+                f"{source.names[0]} and the others: {error}; or say what the numbers are by "
+                "--encoding linear or srgb, with --gain and --read-noise."
+            ) from error
+        part = progress.part(0.1 + 0.8 * number / count, 0.1 + 0.8 * (number + 1) / count)
+        report = functools.partial(part.report, message="merging")
+        shown, absent = (aligned, outside) if align else (frames, None)
+        found.append(hdr.merge_by_response(shown, times, curves[-1], report, absent))
+    if align or not motions.moved:
+        told += _explain_ghosts([one.state.numpy() for one in found])
+    rate, variance, state = (_join_bands(every) for every in zip(*found, strict=True))
+    shares = [float((frame > hdr.HIGHEST).mean()) for frame in source.frames]
     return MergedFiles(
-        source, "response curve", rate, variance, state, None, told, clipped, None, found.curves,
-        found.times, found.motions, align, tuple(notes),
+        source, "response curve", rate, variance, state, None, told, shares, None, tuple(curves),
+        checked, motions, align, tuple(notes),
     )  # fmt: skip
+
+
+def _require_order(source: BracketFiles) -> None:
+    """Raise UserError for frames that aren't brighter the longer they were exposed.
+
+    A response curve without order would be no camera's.
+    """
+    shares = [np.asarray(frame, dtype=np.float32) / _FULL for frame in source.frames]
+    light = np.array([one.mean(dtype=np.float64) for one in shares])
+    # Rounding is the least noise.
+    noise = np.full(len(shares), 1 / math.sqrt(12 * shares[0].size) / _FULL)
+    disordered = hdr.find_disorder(light, noise, np.array(source.exposures))
+    if disordered:
+        names = ", ".join(source.names[one] for one in disordered)
+        raise UserError(f"{names}: {hdr.explain_disorder(disordered)}.")
+
+
+def _explain_ghosts(states: Sequence[NDArray[np.uint8]]) -> list[str]:
+    """Say in words where something moved between the frames, if it did."""
+    moved = np.mean([one == hdr.MOVED for one in states], axis=0)
+    share = ndimage.uniform_filter(moved, _BLOCK, mode="constant")
+    if share.max() < _MOST:
+        return []
+    row, column = np.unravel_index(int(share.argmax()), share.shape)
+    return [
+        f"something moved between the frames, most of all around row {row}, column {column}: "
+        f"frames that contradict the others are left out in {moved.mean():.1%} of the pixels"
+    ]
 
 
 def _join_bands(bands: Sequence[torch.Tensor]) -> NDArray[Any]:

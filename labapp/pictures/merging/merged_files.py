@@ -58,10 +58,8 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
         "noise_scatter": None if factors is None else factors.scatter,
         "warnings": merged.told,
         "notes": list(merged.notes),
-        "motion": None
-        if merged.motions is None
-        else describe_motions(merged.motions, merged.is_aligned),
-        "time_check": None if merged.coded_times is None else _describe_times(merged.coded_times),
+        "motion": merged.motions and describe_motions(merged.motions, merged.is_aligned),
+        "time_check": merged.coded_times and _describe_times(merged.coded_times),
         "clipped_share": merged.clipped,
         "states": {state.name: merged.share(state) for state in hdr.PixelState},
         "raw": None if source.raw is None else _describe_raw(merged, source.raw),
@@ -71,24 +69,21 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
 def _describe_raw(merged: MergedFiles, raw: RawPhotograph) -> dict[str, Any]:
     """Return what RAW files say of sensor and colours, as plain data."""
     filters = merged.filters
-    return (
-        {
-            "camera": " ".join(one for one in (raw.maker, raw.model) if one),
-            "orientation": raw.orientation,
-            "black": raw.black.tolist(),
-            "white": raw.white,
+    told = {
+        "camera": " ".join(one for one in (raw.maker, raw.model) if one),
+        "orientation": raw.orientation,
+        "black": raw.black.tolist(),
+        "white": raw.white,
+    }
+    if raw.pattern is not None:
+        told["pattern"] = "/".join(raw.pattern)
+    if filters is not None and filters.matrix is not None:
+        told |= {
+            "channels": filters.channels,
+            "white_balance": filters.gains.tolist(),
+            "matrix_to_linear_srgb": filters.matrix.tolist(),
         }
-        | ({} if raw.pattern is None else {"pattern": "/".join(raw.pattern)})
-        | (
-            {}
-            if filters is None or filters.matrix is None
-            else {
-                "channels": filters.channels,
-                "white_balance": filters.gains.tolist(),
-                "matrix_to_linear_srgb": filters.matrix.tolist(),
-            }
-        )
-    )
+    return told
 
 
 def _describe_times(found: hdr.CodedTimes) -> dict[str, Any]:

@@ -8,6 +8,7 @@ band each commute with that.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -122,26 +123,21 @@ def _demosaiced(
 
 def _tiles(
     shape: tuple[int, ...], period: tuple[int, int]
-) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice], tuple[slice, slice]]]:
+) -> Iterator[tuple[tuple[slice, ...], ...]]:
     """Yield parts of a mosaic with their margins, what counts within each, and where it belongs.
 
     All begin where the pattern of the filters does.
     """
-    steps = [max(1, _TILE // one) * one for one in period]
-    margins = [-(-_MARGIN // one) * one for one in period]
-    for y in range(0, shape[0], steps[0]):
-        for x in range(0, shape[1], steps[1]):
-            starts = [max(0, at - m) for at, m in zip((y, x), margins, strict=True)]
-            stops = [min(n, at + s) for n, at, s in zip(shape, (y, x), steps, strict=True)]
-            outer = tuple(
-                slice(a, min(n, b + m))
-                for a, b, m, n in zip(starts, stops, margins, shape, strict=True)
-            )
-            inner = tuple(
-                slice(at - a, b - a) for at, a, b in zip((y, x), starts, stops, strict=True)
-            )
-            yield (
-                (outer[0], outer[1]),
-                (inner[0], inner[1]),
-                (slice(y, stops[0]), slice(x, stops[1])),
-            )
+    for rows, columns in itertools.product(*map(_spans, shape, period)):
+        yield tuple(zip(rows, columns, strict=True))
+
+
+def _spans(count: int, period: int) -> list[tuple[slice, slice, slice]]:
+    """Return the spans of `_tiles` along one side of the mosaic."""
+    step, margin = max(1, _TILE // period) * period, -(-_MARGIN // period) * period
+    spans = []
+    for at in range(0, count, step):
+        start, stop = max(0, at - margin), min(count, at + step)
+        outer = slice(start, min(count, stop + margin))
+        spans.append((outer, slice(at - start, stop - start), slice(at, stop)))
+    return spans

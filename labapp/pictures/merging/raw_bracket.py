@@ -1,14 +1,17 @@
 """Read RAW files of an exposure bracket: mosaics of one sensor, with the levels that they state.
 
 Pixels of a cell, rows and columns have levels of darkness of their own. All pixels are raised to
-the highest of them, so that one number means one light, and clips, everywhere.
+the highest of them, so that one number means one light, and clips, everywhere. Gain and read noise
+are told, stated by the files, or measured on the frames.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,16 +28,27 @@ from labapp.pictures.merging.bracket_files import (
     equal_times,
     group_darks,
     require_times,
+    sensor_source,
 )
 from labapp.pictures.merging.exposure_facts import choose_times
-from labapp.pictures.merging.raw_noise import find_noise
 from labapp.pictures.reconstructing.raw_to_restore import describe_levels, describe_turn
+from optics import hdr
 
 _HIGHEST = 65535
 """Highest number of a RAW file's pixels."""
 
 _OTHER_WHITE = 0.01
 """Relative difference from which on white balances of a bracket's files differ. Chosen."""
+
+_ROUNDING = 1 / 12
+"""Variance of rounding to whole numbers, DN², which a stated variance of darkness includes."""
+
+_UNLIKE = 1.1
+"""Ratio of the gains that a file states for its colours from which on they are told. Chosen."""
+
+_LEAST_SHARE = 0.8
+"""Share of the frames' parts that differ by noise alone from which on their estimate is trusted.
+Chosen: where something moves in a fifth of them, gains come out 3 % too small."""
 
 Numbers = NDArray[np.uint16]
 
@@ -84,14 +98,17 @@ def read_raw_bracket(
     frames, levels = _raised(raws, numbers.black)
     means, counts = _darkness(darks, raws, frames, levels)
     top = float(max(np.max(one) for one in levels))
-    full = numbers.full_scale or math.ceil(_full_scale(raws))
+    # The frame with the highest number tells from which level on pixels are clipped: a level that
+    # another frame exceeds is none.
+    brightest = max(raws, key=lambda one: int(one.mosaic.max()))
+    full = numbers.full_scale or math.ceil(brightest.clip_level)
     told = SensorNumbers(numbers.gain, numbers.read_noise, top, full)
-    noise = find_noise(raws, [one[0] for one in frames], means, times, told, sensor_file)
-    sensor = build_sensor(sensor_file, noise.numbers, 16, frames[0].shape[1:])
+    told, source, noise_doubts = _find_noise(raws, frames, means, times, told, sensor_file)
+    sensor = build_sensor(sensor_file, told, 16, frames[0].shape[1:])
     said = [describe_levels(raws[0], dark=numbers.black), *describe_turn(raws[0])]
     return BracketFiles(
-        names, frames, times, means, counts, sensor, sensor_source=noise.source,
-        doubts=(*doubts, *equal_times(times), *noise.doubts),
+        names, frames, times, means, counts, sensor, sensor_source=source,
+        doubts=(*doubts, *equal_times(times), *noise_doubts),
         notes=(*said, *raws[0].notes, *notes, *_other_white(raws)), may_move=True, raw=raws[0],
     )  # fmt: skip
 
@@ -116,14 +133,6 @@ def _require_one_sensor(raws: Sequence[RawPhotograph]) -> None:
 
 def _letters(raw: RawPhotograph) -> str:
     return "grey" if raw.pattern is None else "/".join(raw.pattern)
-
-
-def _full_scale(raws: Sequence[RawPhotograph]) -> float:
-    """Return the level from which pixels are clipped.
-
-    The frame with the highest number tells it: a level that another frame exceeds is none.
-    """
-    return max(raws, key=lambda one: int(one.mosaic.max())).clip_level
 
 
 def _raised(
@@ -174,3 +183,95 @@ def _other_white(raws: Sequence[RawPhotograph]) -> list[str]:
     if not known or all(np.allclose(one, known[0], rtol=_OTHER_WHITE) for one in known):
         return []
     return [f"white balances of the files differ: that of {raws[0].path.name} is taken"]
+
+
+def _find_noise(
+    raws: Sequence[RawPhotograph],
+    frames: Sequence[Numbers],
+    darks: Sequence[Frame | float],
+    times: Sequence[float],
+    told: SensorNumbers,
+    sensor_file: Path | None,
+) -> tuple[SensorNumbers, str, tuple[str, ...]]:
+    """Return numbers of a sensor with its gain and read noise, their source, and doubts, in words.
+
+    Noise is what is told; else that of the files' noise profiles, if these are of one kind; else
+    what the frames show. Raises UserError if none is known.
+    """
+    source = sensor_source(sensor_file, replace(told, black=None, full_scale=None))
+    if sensor_file is not None or None not in (told.gain, told.read_noise):
+        return told, source, ()
+    own, gain, noise, doubts = _stated_noise(raws) or _measured_noise(
+        raws, frames, darks, times, told
+    )
+    used = gain if told.gain is None else told.gain
+    read_noise = noise * used if told.read_noise is None else told.read_noise
+    numbers = replace(told, gain=used, read_noise=read_noise)
+    return numbers, ", ".join(one for one in (source, own) if one), doubts
+
+
+def _stated_noise(
+    raws: Sequence[RawPhotograph],
+) -> tuple[str, float, float, tuple[str, ...]] | None:
+    """Return words, gain, electrons/DN, read noise, DN, and doubts by the files' noise profile.
+
+    The variance of light x is S x + O, white at 1 (Adobe, Digital Negative Specification 1.7.1,
+    NoiseProfile), so that S times the range in numbers is one over the gain. Colours count by their
+    pixels. Returns None where the files state none, or different ones.
+    """
+    profiles = [one.colour.noise for one in raws]
+    first, raw = profiles[0], raws[0]
+    if first is None or not (first[:, 0] > 0).all():
+        return None
+    if any(one is None or not np.allclose(one, first, rtol=1e-3) for one in profiles):
+        return None
+    letters = "".join(raw.pattern or ())
+    counts = np.array([letters.count(one) for one in raw.channels] or [1])
+    scale, offset = (np.average(first[: len(counts)], axis=0, weights=counts)).tolist()
+    span = raw.white - float(raw.dark_levels.mean())
+    noise = math.sqrt(max(offset * span**2 - _ROUNDING, 0.0))
+    unlike = float(first[:, 0].max() / first[:, 0].min())
+    doubts = (
+        f"the files' noise profile has gains that differ {unlike:.2g} times between colours: "
+        "their mean is taken",
+    )
+    used = doubts if unlike > _UNLIKE else ()
+    return "the files' noise profile", 1 / (scale * span), noise, used
+
+
+def _measured_noise(
+    raws: Sequence[RawPhotograph],
+    frames: Sequence[Numbers],
+    darks: Sequence[Frame | float],
+    times: Sequence[float],
+    told: SensorNumbers,
+) -> tuple[str, float, float, tuple[str, ...]]:
+    """Return words, gain, electrons/DN, read noise, DN, and doubts, as the frames show them.
+
+    Raises UserError if they don't.
+    """
+    pattern = raws[0].pattern or ("W",)
+    assert told.full_scale is not None
+    period = len(pattern), len(pattern[0])
+    levels: list[Any] = [dark[0] if isinstance(dark, np.ndarray) else dark for dark in darks]
+    try:
+        found = hdr.estimate_bracket_noise(
+            [one[0] for one in frames], levels, times, told.full_scale, period
+        )
+    except ValueError as error:
+        raise UserError(
+            f"the noise of the sensor isn't known: the files don't state it, and {error}. Give "
+            "--sensor FILE, or --gain (electrons per digital number) and --read-noise (electrons). "
+            "labapp calibrate --camera measures them."
+        ) from error
+    words = (
+        f"noise estimated from the frames: gain {found.gain:.3g} ± {found.gain_deviation:.1g} "
+        f"electrons/DN, read noise {found.read_noise:.2g} ± {found.read_noise_deviation:.1g} "
+        "electrons"
+    )
+    doubts = (
+        f"more than noise differs in {1 - found.share:.0%} of the frames' parts, so that the gain "
+        "that was estimated from them may be too small: give --gain and --read-noise",
+    )
+    used = doubts if found.share < _LEAST_SHARE else ()
+    return words, found.gain, found.read_noise / found.gain, used

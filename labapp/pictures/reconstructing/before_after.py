@@ -17,8 +17,7 @@ from labapp.common.figure_png import figure_to_png
 from labapp.edof.decoder_facts import describe_decoder
 from labapp.files.picture.photograph import Light
 from labapp.files.picture.photograph_writing import encode_srgb
-from labapp.pictures.reconstructing.decoding import DecodedPhotograph
-from labapp.pictures.reconstructing.decoding_request import DecodingProblem
+from labapp.pictures.reconstructing.decoding import DecodedPhotograph, DecodingProblem
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.restoration import RestoredPicture
 
@@ -33,10 +32,7 @@ and its rings can be told apart."""
 def draw_before_after(
     problem: RestorationProblem, outcome: RestoredPicture, captions: tuple[str, str]
 ) -> bytes:
-    """Draw a photograph before and after its restoration, and return the bytes of a PNG file.
-
-    `captions` are the titles before and after.
-    """
+    """Draw a photograph before and after its restoration, under these captions, as a PNG file."""
     title = f"{problem.source}: {outcome.method}, {outcome.verdict}"
     beside = (
         partial(_draw_psf, psf=problem.psf),
@@ -52,10 +48,9 @@ def draw_before_after(
 def draw_before_decoded(
     posed: DecodingProblem, decoded: DecodedPhotograph, captions: tuple[str, str]
 ) -> bytes:
-    """Draw a photograph before and after its decoding, and return the bytes of a PNG file.
+    """Draw a photograph before and after its decoding, under these captions, as a PNG file.
 
-    Beside them are the pattern and the mean PSF over depths. `captions` are the titles before and
-    after.
+    Beside them are the pattern and the mean PSF over depths.
     """
     problem, white = posed.problem, posed.white
     title = f"{problem.source}: {describe_decoder(posed.pattern)}"
@@ -89,10 +84,7 @@ def _draw(
 
 
 def screen_levels(light: Light, white: float) -> NDArray[np.uint8]:
-    """Convert light to 8-bit sRGB levels, (rows, columns[, 3]).
-
-    If its longer side exceeds 1200 pixels, it is averaged down to that.
-    """
+    """Convert light to 8-bit sRGB levels, (rows, columns[, 3]), of at most 1200 pixels a side."""
     picture = np.moveaxis(np.nan_to_num(light) / white, 0, -1)
     scale = 1200 / max(picture.shape[:2])
     if scale < 1:
@@ -119,10 +111,7 @@ def _draw_psf(axes: Axes, psf: Light, name: str = "PSF") -> None:
 
 
 def _draw_residual(axes: Axes, residual: Light) -> None:
-    """Draw what the restoration leaves unexplained: the mean residual of all bands.
-
-    The residual is drawn in units of the noise.
-    """
+    """Draw what the restoration leaves unexplained: the mean residual of all bands."""
     mean = residual.mean(0) * np.sqrt(len(residual))
     axes.set_facecolor("0.25")
     drawn = axes.imshow(mean, cmap="RdBu_r", vmin=-4.0, vmax=4.0)

@@ -2,55 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.picture.photograph import Light
 from labapp.files.plain_hdf5 import open_hdf5, open_plain_hdf5
 from labapp.pictures.analysis.colour_filters import ColourFilters
+from labapp.pictures.reconstructing.problem import BlurredPicture
 from optics.hdr import CLIPPED
 
 _PARTS = ("rate", "variance", "state")
 """Datasets that a merged bracket's file has."""
-
-
-@dataclass(frozen=True, eq=False)
-class MergedPhotograph:
-    """Light of a merged bracket to restore.
-
-    light: (bands, rows, columns), electrons per second; NaN where nothing was measured, 0 where all
-        exposures were clipped.
-    variance: of the light, of the same shape; infinite where nothing was measured.
-    clipped: pixels that all exposures clipped, of the same shape.
-    filters: colour filters of a bracket of RAW files, whose light has one band; None for others.
-    """
-
-    light: Light
-    variance: NDArray[np.float32]
-    clipped: NDArray[np.bool_]
-    filters: ColourFilters | None = None
-
-    @property
-    def band_count(self) -> int:
-        """Return the number of bands that are restored."""
-        return len(self.light) if self.filters is None else self.filters.response.shape[1]
-
-    def bands(self, noise: float | None) -> Light:
-        """Return the bands before their restoration."""
-        if self.filters is None:
-            return self.light
-        return self.filters.separate(self.light[0], noise or self.least_noise, self.clipped[0])
-
-    @property
-    def least_noise(self) -> float:
-        """Return the root mean square of the noise."""
-        return float(np.sqrt(self.variance[np.isfinite(self.variance)].mean(dtype=np.float64)))
 
 
 def is_merged(path: Path) -> bool:
@@ -62,8 +27,11 @@ def is_merged(path: Path) -> bool:
     return all(isinstance(link, h5py.HardLink) for link in links)
 
 
-def read_merged(path: Path, *, is_grey: bool = False) -> MergedPhotograph:
+def read_merged(path: Path, *, is_grey: bool) -> BlurredPicture:
     """Read the light and the variance of a merged bracket.
+
+    Light is NaN where nothing was measured, and 0 where all exposures were clipped; behind colour
+    filters, it is then the least that it can be.
 
     is_grey: whether the scene behind colour filters is taken for one band. Raises UserError for
     parts of different shape, values that can't be a variance, a bracket without a measured pixel,
@@ -90,11 +58,16 @@ def read_merged(path: Path, *, is_grey: bool = False) -> MergedPhotograph:
             f"{path}: a band has no measured pixel; its variance is infinite everywhere. Expose "
             "more briefly or longer, and merge again."
         )
-    # Behind filters, what is clipped counts as the least that it can be.
     least = 0 if filters is None else rate
     light = np.where(measured, rate, np.where(clipped, least, np.nan))
-    return MergedPhotograph(
-        light.astype(np.float32), np.where(measured, variance, np.inf), clipped & ~measured, filters
+    return BlurredPicture(
+        light.astype(np.float32),
+        clipped & ~measured,
+        str(path),
+        "electrons per second",
+        noise_floor=float(np.sqrt(variance[measured].mean(dtype=np.float64))),
+        filters=filters,
+        variance=np.where(measured, variance, np.inf),
     )
 
 

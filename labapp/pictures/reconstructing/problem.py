@@ -1,9 +1,9 @@
-"""A restoration problem: what is blurred, its PSF, and the state of its pixels."""
+"""A blurred picture with the state of its pixels, and with its PSF: a restoration problem."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -25,16 +25,14 @@ WHITE_PERCENTILE = 99.9
 
 
 @dataclass(frozen=True, eq=False)
-class RestorationProblem:
-    """A blurred picture with its PSF, to be restored.
+class BlurredPicture:
+    """A blurred picture, and what is known of it.
 
     light: (bands, rows, columns); NaN where a pixel is dead. With colour filters, the light behind
         them, (1, rows, columns).
-    psf: (1 or bands, rows, columns), origin at n // 2; its sum is the share of light that arrives.
     clipped: pixels whose well was full, of the same shape as `light`.
-    source, psf_source: where picture and PSF are from, in words.
+    source: where the picture is from, in words.
     unit: unit of the light, in words.
-    encoding: how the file's numbers stand for light, and who says so, in words; empty for records.
     full_scale: light of the highest level of a written .png; None for white.
     is_srgb: whether a written .png has the 8 bits of sRGB.
     noise: standard deviation of a pixel. None to estimate it from the picture, because it includes
@@ -47,19 +45,18 @@ class RestorationProblem:
     filters: colour filters of the sensor, through which all bands are restored together.
     variance: of each pixel, of the same shape as `light`; infinite where nothing was measured. None
         if it isn't known.
+    encoding: how the file's numbers stand for light, and who says so, in words; empty for records.
     """
 
     light: Light
-    psf: Light
     clipped: NDArray[np.bool_]
     source: str
-    psf_source: str
     unit: str
     full_scale: float | None = None
     is_srgb: bool = True
     noise: float | None = None
     border: Border = "unknown"
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     noise_floor: float = 0.0
     reference: ReferencePicture | None = None
     planned_iterations: Mapping[str, int] = field(default_factory=dict)
@@ -67,24 +64,22 @@ class RestorationProblem:
     variance: NDArray[np.floating] | None = None
     encoding: str = ""
 
-    def observations(self) -> list[Observation]:
-        """Return what each band shows: light, PSF and noise.
+    @property
+    def band_count(self) -> int:
+        """Return the number of bands that are restored."""
+        return len(self.light) if self.filters is None else self.filters.response.shape[1]
 
-        With colour filters, all bands are in one observation.
-        """
-        if self.filters is not None:
-            seen = self.filters.observation(
-                self.light[0], self.psf, self.noise, self.border, self.clipped[0]
-            )
-            return [replace(seen, is_numpy=False, least_noise=self.noise_floor)]
-        return [self._observation(number) for number in range(len(self.light))]
+    def with_psf(
+        self, psf: Light, psf_source: str, notes: Sequence[str] = ()
+    ) -> RestorationProblem:
+        """Pose the restoration with this PSF; `notes` are further remarks for the user."""
+        known = {one.name: getattr(self, one.name) for one in fields(BlurredPicture)}
+        known["notes"] = (*self.notes, *notes)
+        return RestorationProblem(**known, psf=psf, psf_source=psf_source)
 
     @cached_property
     def blurred_bands(self) -> Light:
-        """Return the bands before their restoration, (bands, rows, columns).
-
-        Behind colour filters they are estimated.
-        """
+        """Return the bands before their restoration; behind colour filters they are estimated."""
         if self.filters is None:
             return self.light
         noise = self.noise_floor if self.noise is None else self.noise
@@ -108,26 +103,6 @@ class RestorationProblem:
         full = self.white if self.full_scale is None else self.full_scale
         return encode_photograph(path, shown, self.is_srgb, full)
 
-    def _observation(self, number: int) -> Observation:
-        light, clipped = self.light[number], self.clipped[number]
-        sound = np.isfinite(light)
-        band = build_observation(
-            torch.from_numpy(np.where(sound, light, 0)),
-            self.psf[min(number, len(self.psf) - 1)],
-            self.noise,
-            self.border,
-            weights=None if sound.all() else sound.astype(np.float32),
-            clipped=clipped if clipped.any() else None,
-        )
-        return replace(band, least_noise=self.noise_floor)
-
-    @cached_property
-    def psf_scales(self) -> tuple[PSFScale, ...]:
-        """Find the scale of the PSF that each band shows."""
-        if self.filters is not None:
-            return ()
-        return tuple(find_psf_scale(band) for band in self.observations())
-
     def noise_source(self, noise: float) -> str:
         """Say whether the noise was given, computed or estimated."""
         if self.noise is not None:
@@ -143,3 +118,43 @@ class RestorationProblem:
             return self.full_scale
         bright = float(np.nanpercentile(self.blurred_bands, WHITE_PERCENTILE))
         return bright if bright > 0 else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class RestorationProblem(BlurredPicture):
+    """A blurred picture with its PSF, to be restored.
+
+    psf: (1 or bands, rows, columns), origin at n // 2; its sum is the share of light that arrives.
+    psf_source: where it is from, in words.
+    """
+
+    psf: Light = field(kw_only=True)
+    psf_source: str = field(kw_only=True)
+
+    def observations(self) -> list[Observation]:
+        """Return what each band shows; with colour filters, all bands in one observation."""
+        if self.filters is not None:
+            seen = self.filters.observation(
+                self.light[0], self.psf, self.noise, self.border, self.clipped[0]
+            )
+            return [replace(seen, is_numpy=False, least_noise=self.noise_floor)]
+        found = []
+        for number, (light, clipped) in enumerate(zip(self.light, self.clipped, strict=True)):
+            sound = np.isfinite(light)
+            band = build_observation(
+                torch.from_numpy(np.where(sound, light, 0)),
+                self.psf[min(number, len(self.psf) - 1)],
+                self.noise,
+                self.border,
+                weights=None if sound.all() else sound.astype(np.float32),
+                clipped=clipped if clipped.any() else None,
+            )
+            found.append(replace(band, least_noise=self.noise_floor))
+        return found
+
+    @cached_property
+    def psf_scales(self) -> tuple[PSFScale, ...]:
+        """Find the scale of the PSF that each band shows."""
+        if self.filters is not None:
+            return ()
+        return tuple(find_psf_scale(band) for band in self.observations())

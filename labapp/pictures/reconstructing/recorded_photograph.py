@@ -18,7 +18,7 @@ from labapp.pictures.analysis.brackets import (
     dark_target,
     find_bracket,
     merge_all,
-    merge_frame,
+    merge_frames,
 )
 from labapp.pictures.analysis.colour_filters import ColourFilters, described_filters
 from labapp.pictures.analysis.dead_pixels import find_dead_pixels
@@ -28,8 +28,6 @@ from labapp.pictures.reconstructing.problem import WHITE_PERCENTILE, Restoration
 from labapp.runs.record.reader import Record
 from optics.inverse.blur import Border
 from optics.progress import Progress
-
-_RATE = "electrons per second"
 
 
 @dataclass(frozen=True)
@@ -74,22 +72,13 @@ class RecordedPhotograph:
     frame: int | None = None
 
     @property
-    def source(self) -> str:
-        """Name record, photograph and frame in words."""
-        frame = "" if self.frame is None else f", frame {self.frame}"
-        return f"{self.path}, {self.photograph.name}{frame}"
-
-    @property
     def band_count(self) -> int:
         """Return the number of bands that are restored."""
         return 1 if self.filters is None else self.filters.response.shape[1]
 
     @cached_property
     def clipped_pixels(self) -> NDArray[np.bool_]:
-        """Return a mask of the clipped pixels, (1, rows, columns).
-
-        The measured light of a clipped pixel is only a lower bound.
-        """
+        """Return the clipped pixels, (1, rows, columns), whose light is only a lower bound."""
         return ~np.isfinite(self.photograph.variance)[None] & ~self.dead_pixels
 
     @property
@@ -126,13 +115,12 @@ class RecordedPhotograph:
             psf, psf_source = self.psf, f"star {self.roles.star!r} of the same run"
             if self.filters is not None and not self.filters.is_grey:
                 psf_source += ", in each colour"
+        frame = "" if self.frame is None else f", frame {self.frame}"
         return RestorationProblem(
             self.light.astype(np.float32),
-            psf.astype(np.float32),
             self.clipped_pixels,
-            self.source,
-            psf_source,
-            _RATE,
+            f"{self.path}, {self.photograph.name}{frame}",
+            "electrons per second",
             noise=noise,
             border=border,
             notes=notes,
@@ -141,6 +129,8 @@ class RecordedPhotograph:
             planned_iterations={"richardson-lucy": self.roles.iterations},
             filters=self.filters,
             variance=np.where(self.dead_pixels, np.inf, self.photograph.variance)[None],
+            psf=psf.astype(np.float32),
+            psf_source=psf_source,
         )
 
     @property
@@ -212,7 +202,7 @@ def find_photograph(
         and abs(one.wavelength - photograph.wavelength) < WAVELENGTH_TOLERANCE
     ]
     if frame is not None:
-        photograph = merge_frame(record, frame)
+        photograph = merge_frames(record, [frame], dark_target(record.plan), record.camera.sensor)
     shown = _crop_recorded_star(record, brackets, roles) if star else None
     if shown is None:
         filters, psf = described_filters(record, photograph, roles.grey), None
@@ -246,10 +236,7 @@ def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
 
 
 def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
-    """Choose photograph, pattern, star and wavelength.
-
-    What the user didn't select is taken from the record's plan.
-    """
+    """Choose photograph, pattern, star and wavelength: as selected, or else as the plan says."""
     plan, path = record.plan.reconstruct, record.path
     star = choice.star or (plan.star if plan else "star")
     wavelength: float | None
@@ -262,7 +249,8 @@ def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
         target, last = _last_stored_frame(record, names)
         coded = plan.coded if plan and record.select(target=target, pattern=plan.coded) else last
         pattern, wavelength = choice.pattern or coded, choice.wavelength
-    seen = _wavelengths(record, target, pattern)
+    frames = record.select(target=target, pattern=pattern)
+    seen: list[float] = np.unique(record.column("wavelength")[frames]).tolist()
     if not seen:
         raise UserError(
             f"{path}: has no frames of {target!r} with pattern {pattern!r}. Its patterns are "
@@ -329,10 +317,3 @@ def _frame_settings(record: Record, frame: int) -> tuple[str, str, float]:
     target, pattern = (int(record.column(name)[frame]) for name in ("target", "pattern"))
     wavelength = float(record.column("wavelength")[frame])
     return record.target_names[target], record.pattern_names[pattern], wavelength
-
-
-def _wavelengths(record: Record, target: str, pattern: str) -> list[float]:
-    """Return the wavelengths at which a target was recorded with a pattern, in metres."""
-    frames = record.select(target=target, pattern=pattern)
-    found: list[float] = np.unique(record.column("wavelength")[frames]).tolist()
-    return found

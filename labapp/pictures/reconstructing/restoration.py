@@ -6,26 +6,49 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+import torch
+from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.picture.photograph import Light
 from labapp.pictures.analysis.score import Score
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
-from labapp.pictures.reconstructing.variance_use import (
-    VarianceUse,
-    choose_variance,
-    why_without_map,
-)
 from optics.inverse.observation import Observation
+from optics.inverse.observation_builder import with_doubted_variance
 from optics.inverse.restored_image import RestoredImage, residual_map
-from optics.inverse.verdict import PSFScale, Verdict, judge_restoration, refine_psf_scale
+from optics.inverse.variance_gain import VarianceGain, estimate_variance_gain
+from optics.inverse.verdict import Finding, PSFScale, Verdict, judge_restoration, refine_psf_scale
 from optics.progress import Progress
 from optics.threads import single_threaded
 
 _TRIAL_BUDGET, _RESTORING_SHARE = 2.0, 0.8
 """Seconds of a band's budget from which the scale of its PSF and the gain of its variance map are
 looked for, and the share of the budget that is then left for the restoration."""
+
+_LEAST_GAIN = 0.1
+"""Expected gain of the light in dB from which the map is used. Chosen: nobody sees less."""
+
+_UNEXPLAINED = "the photograph shows far more noise than the map has"
+
+_SEED = 0
+"""Seed of the trial's noise: the same picture always gives the same restoration."""
+
+
+@dataclass(frozen=True)
+class VarianceUse:
+    """Whether a band was restored with its variance map, and why.
+
+    gain: expected gain over one noise for all pixels; None where it wasn't estimated.
+    reason: in words.
+    """
+
+    is_used: bool
+    gain: VarianceGain | None
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{'used' if self.is_used else 'not used'}: {self.reason}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +87,8 @@ class RestoredPicture:
     @property
     def verdict(self) -> str:
         """Say in words what was found, each cause once."""
-        found = {one.cause: one for verdict in self.verdicts for one in verdict.findings}
         judged = all(verdict.judges_psf for verdict in self.verdicts)
-        return str(Verdict(tuple(found.values()), judged))
+        return str(Verdict(tuple(self._findings.values()), judged))
 
     def noise_source(self, problem: RestorationProblem) -> str:
         """Say how the noise is known."""
@@ -82,9 +104,12 @@ class RestoredPicture:
     @property
     def causes(self) -> list[str]:
         """Return the causes of what was found, each once."""
-        return list(
-            dict.fromkeys(one.cause for verdict in self.verdicts for one in verdict.findings)
-        )
+        return list(self._findings)
+
+    @property
+    def _findings(self) -> dict[str, Finding]:
+        """Return what was found, by its cause."""
+        return {one.cause: one for verdict in self.verdicts for one in verdict.findings}
 
 
 @single_threaded
@@ -120,26 +145,27 @@ def restore_picture(
         for number, band in enumerate(seen)
     )
     residual = float(np.sqrt(np.mean([band.residual**2 for band in found])))
-    told = () if refined else scales
-    verdicts = tuple(
-        judge_restoration(band, one, told[number] if told else None)
-        for number, (band, one) in enumerate(zip(seen, found, strict=True))
-    )
+    told = scales if scales and not refined else [None] * len(seen)
+    verdicts = tuple(map(judge_restoration, seen, found, told))
     spent = time.process_time() - started
     progress.report(1, "restored")
     shape = problem.light.shape[1:]
     light = np.concatenate([band.image.numpy().reshape(-1, *shape) for band in found])
     light = light.astype(np.float32)
-    left = np.stack(
-        [
-            residual_map(one, band).numpy().astype(np.float32)
-            for one, band in zip(seen, found, strict=True)
-        ]
-    )
+    left = [residual_map(one, band).numpy() for one, band in zip(seen, found, strict=True)]
     known = problem.reference
     scores = None if known is None else (known.score(problem.blurred_bands), known.score(light))
     return RestoredPicture(
-        light, left, found, residual, spent, verdicts, scales, refined, uses, scores
+        light,
+        np.stack(left).astype(np.float32),
+        found,
+        residual,
+        spent,
+        verdicts,
+        scales,
+        refined,
+        uses,
+        scores,
     )
 
 
@@ -154,11 +180,56 @@ def _with_variance(
     """Return the bands as they are to be restored, with variance maps where they gain."""
     if problem.variance is None:
         return seen, ()
-    if (reason := why_without_map(problem)) is not None:
-        return seen, (reason,)
+    if problem.noise is not None:
+        return seen, (VarianceUse(False, None, "one noise was told for all pixels"),)
+    if problem.filters is not None:
+        reason = "light behind colour filters is restored with one noise"
+        return seen, (VarianceUse(False, None, reason),)
     progress.report(0.1, "gain of the variance map")
     chosen = [
-        choose_variance(band, one, wish, share, has_time=has_time)
+        _choose_variance(band, one, wish, share, has_time=has_time)
         for band, one in zip(seen, problem.variance, strict=True)
     ]
     return [band for band, _ in chosen], tuple(use for _, use in chosen)
+
+
+def _choose_variance(
+    observation: Observation,
+    variance: NDArray[np.floating],
+    wish: MethodChoice,
+    share: float,
+    *,
+    has_time: bool,
+) -> tuple[Observation, VarianceUse]:
+    """Choose whether a band is restored with its variance map; return it as it is to be, and why.
+
+    observation: the band with one noise for all pixels.
+    variance: (rows, columns), of each pixel; infinite where nothing was measured.
+    share: share of the budget that the band may take.
+    has_time: whether there is time for estimating the gain.
+    """
+    given = torch.from_numpy(variance).to(torch.float64)
+    varied = with_doubted_variance(observation, given)
+    if varied.variance is None:
+        stated = float(given[torch.isfinite(given)].mean()) ** 0.5
+        even = "the noise is even" if varied.noise < 1.01 * stated else _UNEXPLAINED
+        return observation, VarianceUse(False, None, f"{even}, so that it gains nothing")
+    name, solve = wish.variance_solver(varied, share)
+    if solve is None:
+        return observation, VarianceUse(False, None, f"{name} takes one noise for all pixels")
+    if not has_time:
+        return varied, VarianceUse(True, None, "its gain wasn't estimated, for want of time")
+    try:
+        gain = estimate_variance_gain(varied, solve, torch.Generator().manual_seed(_SEED))
+    except ValueError as error:
+        # The middle may be clipped or dark, though the rest of the photograph isn't.
+        return varied, VarianceUse(True, None, f"its gain can't be estimated, because {error}")
+    told = (
+        f"{gain.light:+.1f} dB expected against one noise for all pixels ({gain.logarithm:+.1f} dB "
+        "in the logarithm of the light), by a simulated photograph"
+    )
+    if not torch.equal(varied.variance, given):
+        told += f"; {_UNEXPLAINED}, and the rest was added to it"
+    if gain.light < _LEAST_GAIN:
+        return observation, VarianceUse(False, gain, f"it gains nothing, {told}")
+    return varied, VarianceUse(True, gain, told)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,13 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.picture.encoding import Encoding, parse_encoding
+from labapp.files.picture.encoding import parse_encoding
 from labapp.files.picture.photograph import Light, Photograph, read_photograph
 from labapp.pictures.analysis.score import ReferencePicture
 from labapp.pictures.reconstructing.merged_photograph import is_merged, read_merged
-from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.problem import BlurredPicture, RestorationProblem
 from labapp.pictures.reconstructing.psf_files import read_psf_file
-from labapp.pictures.reconstructing.raw_to_restore import RawToRestore, find_raw, prepare_raw
+from labapp.pictures.reconstructing.raw_to_restore import (
+    find_raw,
+    prepare_raw,
+    with_reference_in_bands,
+)
 from labapp.pictures.reconstructing.recorded_photograph import (
     RecordedPhotograph,
     RecordSelection,
@@ -27,18 +30,6 @@ from labapp.pictures.reconstructing.recorded_photograph import (
 )
 from optics.inverse.blur import BORDERS, Border
 from optics.progress import Progress
-
-
-@dataclass(frozen=True, eq=False)
-class PictureToRestore:
-    """Light read from a file, (bands, rows, columns), and its clipped pixels.
-
-    `read` is the picture as the file has it.
-    """
-
-    read: Photograph
-    light: Light
-    clipped: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -85,13 +76,90 @@ class RestorationRequest:
 
         Raises UserError, which names file, value and remedy.
         """
-        if is_merged(self.source):
-            return self._problem_from_merged(progress)
-        if is_record(self.source):
+        if is_record(self.source) and not is_merged(self.source):
             return self._problem_from_record(progress)
-        if (raw := self.read_raw(progress)) is not None:
-            return self._problem_from_raw(raw, progress)
-        return self._problem_from_picture(progress)
+        picture = self.read_picture(progress)
+        if self.psf is not None:
+            psf, notes = read_psf_file(self.psf, picture.band_count, self.choice)
+            return picture.with_psf(psf, str(self.psf), notes)
+        if self.blind is None:
+            raise UserError(
+                f"{self.source}: what has blurred it? Give its PSF: --psf FILE, or let it be "
+                "looked for: --blind SIZE."
+            )
+        bands = picture.blurred_bands
+        if picture.filters is not None and picture.variance is None:
+            # The noise that a RAW file states doesn't count here: it is told, or estimated.
+            bands = picture.filters.separate(picture.light[0], self.noise, picture.clipped[0])
+        clipped = np.broadcast_to(picture.clipped, bands.shape)
+        return picture.with_psf(*self._estimate_psf(bands, clipped, progress))
+
+    def read_picture(self, progress: Progress) -> BlurredPicture:
+        """Read a picture that isn't in a record, with what the request says of it.
+
+        It is a merged bracket, a RAW photograph, or a picture of any other file. Raises UserError
+        for options that such a file doesn't have, and if the truth has another shape.
+        """
+        if is_merged(self.source):
+            self._refuse_levels("a merged bracket")
+            for name in ("target", "frame"):
+                if getattr(self.choice, name) is not None:
+                    raise UserError(f"--{name}: {self.source} is one merged picture. Leave it out.")
+            progress.report(0, f"reading {self.source.name}")
+            return self._completed(read_merged(self.source, is_grey=self.choice.grey))
+        data = find_raw(self.source)
+        if data is not None:
+            return self._read_raw(data, progress)
+        if self.choice.target is not None:
+            raise UserError(
+                f"--target {self.choice.target}: {self.source} is no record. Leave it out."
+            )
+        progress.report(0, f"reading {self.source.name}")
+        encoding = None if self.encoding is None else parse_encoding(self.encoding)
+        read = read_photograph(
+            self.source, encoding=encoding, page=self.choice.frame, page_option="--frame"
+        )
+        if self.dark is not None and read.is_coded:
+            raise UserError(
+                f"--dark {self.dark:g}: the levels of {read.path} aren't proportional to light "
+                f"({read.encoding.name}: {read.encoding_source}). Add --encoding linear if they "
+                "are."
+            )
+        light = read.light - (self.dark or 0.0)
+        return self._completed(
+            BlurredPicture(
+                np.where(np.isfinite(light), light, np.nan).astype(np.float32),
+                self._clipped_pixels(read),
+                str(self.source),
+                "of white" if read.is_coded else "levels",
+                1.0 if read.is_coded else read.white,
+                read.white is None or (read.is_coded and read.white <= 255),
+                notes=tuple(read.remarks),
+                encoding=f"{read.encoding.name}, {read.encoding_source}",
+            )
+        )
+
+    def _read_raw(self, data: bytes, progress: Progress) -> BlurredPicture:
+        for name in ("target", "frame"):
+            if (value := getattr(self.choice, name)) is not None:
+                raise UserError(
+                    f"--{name} {value}: {self.source} is one RAW photograph. Leave it out."
+                )
+        if self.encoding not in (None, "linear"):
+            raise UserError(
+                f"--encoding {self.encoding}: {self.source} is RAW, which is proportional to "
+                "light. Leave it out."
+            )
+        progress.report(0, f"reading {self.source.name}")
+        found = prepare_raw(
+            self.source, data, is_grey=self.choice.grey, clip=self.clip, dark=self.dark
+        )
+        return with_reference_in_bands(self._completed(found))
+
+    def _completed(self, picture: BlurredPicture) -> BlurredPicture:
+        """Return a picture with the noise, border and truth of the request."""
+        self._require_reference_shape((picture.band_count, *picture.light.shape[1:]))
+        return replace(picture, noise=self.noise, border=self.border, reference=self.reference)
 
     @cached_property
     def reference(self) -> ReferencePicture | None:
@@ -132,45 +200,6 @@ class RestorationRequest:
             f"--truth {self.truth}: is {is_} (bands, rows, columns); it must be {wanted}."
         )
 
-    @property
-    def _told_encoding(self) -> Encoding | None:
-        return None if self.encoding is None else parse_encoding(self.encoding)
-
-    def read_picture(self, progress: Progress) -> PictureToRestore:
-        """Read the picture from its file; UserError if that is wrong."""
-        if self.choice.target is not None:
-            raise UserError(
-                f"--target {self.choice.target}: {self.source} is no record. Leave it out."
-            )
-        progress.report(0, f"reading {self.source.name}")
-        read = read_photograph(
-            self.source, encoding=self._told_encoding, page=self.choice.frame, page_option="--frame"
-        )
-        light, clipped = read.light - self._dark_level(read), self._clipped_pixels(read)
-        self._require_reference_shape(light.shape)
-        return PictureToRestore(read, light, clipped)
-
-    def build_picture_problem(
-        self, picture: PictureToRestore, psf: Light, psf_source: str, notes: Sequence[str] = ()
-    ) -> RestorationProblem:
-        """Pose the restoration of a picture that was read from a file, with a PSF."""
-        read, light = picture.read, picture.light
-        return RestorationProblem(
-            np.where(np.isfinite(light), light, np.nan).astype(np.float32),
-            psf,
-            picture.clipped,
-            str(self.source),
-            psf_source,
-            "of white" if read.is_coded else "levels",
-            1.0 if read.is_coded else read.white,
-            read.white is None or (read.is_coded and read.white <= 255),
-            self.noise,
-            self.border,
-            (*read.remarks, *notes),
-            reference=self.reference,
-            encoding=f"{read.encoding.name}, {read.encoding_source}",
-        )
-
     def read_record(self, progress: Progress, *, star: bool) -> RecordedPhotograph:
         """Read the photograph from its record; the PSF is read if `star` is true.
 
@@ -188,87 +217,6 @@ class RestorationRequest:
                 raise UserError(
                     f"--{name}: {self.source} is {kind}, which knows its own. Leave it out."
                 )
-
-    def read_raw(self, progress: Progress) -> RawToRestore | None:
-        """Read the photograph if its file is RAW; None if it isn't.
-
-        Raises UserError for options that a RAW file doesn't have.
-        """
-        data = find_raw(self.source)
-        if data is None:
-            return None
-        for name in ("target", "frame"):
-            if (value := getattr(self.choice, name)) is not None:
-                raise UserError(
-                    f"--{name} {value}: {self.source} is one RAW photograph. Leave it out."
-                )
-        if self.encoding not in (None, "linear"):
-            raise UserError(
-                f"--encoding {self.encoding}: {self.source} is RAW, which is proportional to "
-                "light. Leave it out."
-            )
-        progress.report(0, f"reading {self.source.name}")
-        found = prepare_raw(
-            self.source, data, is_grey=self.choice.grey, clip=self.clip, dark=self.dark
-        )
-        self._require_reference_shape((found.band_count, *found.light.shape[1:]))
-        return found
-
-    def _problem_from_raw(self, raw: RawToRestore, progress: Progress) -> RestorationProblem:
-        # A PSF is looked for in all bands; to read one, it is enough to count them.
-        bands = raw.bands(self.noise) if self.blind else raw.light.repeat(raw.band_count, 0)
-        psf, told, notes = self._given_psf(bands, raw.clipped.repeat(len(bands), 0), progress)
-        return raw.build_problem(psf, told, self.noise, self.border, tuple(notes), self.reference)
-
-    def _problem_from_merged(self, progress: Progress) -> RestorationProblem:
-        self._refuse_levels("a merged bracket")
-        for name in ("target", "frame"):
-            if getattr(self.choice, name) is not None:
-                raise UserError(f"--{name}: {self.source} is one merged picture. Leave it out.")
-        progress.report(0, f"reading {self.source.name}")
-        found = read_merged(self.source, is_grey=self.choice.grey)
-        self._require_reference_shape((found.band_count, *found.light.shape[1:]))
-        bands = found.bands(self.noise) if self.psf is None and self.blind else found.light
-        clipped = np.broadcast_to(found.clipped, bands.shape)
-        psf, told, notes = self._given_psf(bands, clipped, progress, found.band_count)
-        return RestorationProblem(
-            found.light,
-            psf,
-            found.clipped,
-            str(self.source),
-            told,
-            "electrons per second",
-            noise=self.noise,
-            border=self.border,
-            notes=tuple(notes),
-            noise_floor=found.least_noise,
-            reference=self.reference,
-            filters=found.filters,
-            variance=found.variance,
-        )
-
-    def _given_psf(
-        self, light: Light, clipped: NDArray[np.bool_], progress: Progress, bands: int | None = None
-    ) -> tuple[Light, str, Sequence[str]]:
-        """Return the PSF, its source in words, and remarks.
-
-        bands: number of restored ones, by default those of `light`. Raises UserError if the PSF is
-        neither given nor to be estimated.
-        """
-        if self.psf is not None:
-            psf, notes = read_psf_file(self.psf, bands or len(light), self.choice)
-            return psf, str(self.psf), notes
-        if self.blind is None:
-            raise UserError(
-                f"{self.source}: what has blurred it? Give its PSF: --psf FILE, or let it be "
-                "looked for: --blind SIZE."
-            )
-        return self._estimate_psf(light, clipped, progress)
-
-    def _problem_from_picture(self, progress: Progress) -> RestorationProblem:
-        picture = self.read_picture(progress)
-        psf, told, notes = self._given_psf(picture.light, picture.clipped, progress)
-        return self.build_picture_problem(picture, psf, told, notes)
 
     def _problem_from_record(self, progress: Progress) -> RestorationProblem:
         unknown = self.psf is None and self.blind is None
@@ -308,15 +256,6 @@ class RestorationRequest:
         surely = f"score {kernel.score:.2f}, {kernel.verdict}"
         psf = np.asarray(kernel.psf, dtype=np.float32)[None]
         return psf, "looked for in the picture itself", [f"the blur that was found: {surely}"]
-
-    def _dark_level(self, photograph: Photograph) -> float:
-        if self.dark is not None and photograph.is_coded:
-            raise UserError(
-                f"--dark {self.dark:g}: the levels of {photograph.path} aren't proportional to "
-                f"light ({photograph.encoding.name}: {photograph.encoding_source}). Add --encoding "
-                "linear if they are."
-            )
-        return self.dark or 0.0
 
     def _clipped_pixels(self, photograph: Photograph) -> NDArray[np.bool_]:
         level = photograph.saturation_level() if self.clip is None else self.clip

@@ -27,15 +27,12 @@ def overview(analysis: RecordAnalysis) -> Figure:
     _photographs(middle, analysis)
     left, right = bottom.subplots(1, 2)
     draw_profile(left, analysis)
-    draw_histogram(right, [b for b in analysis.brackets if _is_coded(analysis, b)])
+    draw_histogram(right, _coded_brackets(analysis))
     return figure
 
 
 def gallery(analysis: RecordAnalysis) -> Figure:
-    """Draw the first twelve merged brackets.
-
-    Each is scaled from its 1st to its 99.99th percentile.
-    """
+    """Draw the first twelve merged brackets, from their 1st to their 99.99th percentile."""
     shown = analysis.brackets[:12]
     columns = min(max(len(shown), 1), 3)
     rows = max(1, -(-len(shown) // columns))
@@ -71,8 +68,7 @@ def profile_figure(analysis: RecordAnalysis) -> Figure:
 def histogram_figure(analysis: RecordAnalysis) -> Figure:
     """Draw the histogram of the recorded digital numbers."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
-    brackets = [b for b in analysis.brackets if _is_coded(analysis, b)] or analysis.brackets
-    draw_histogram(figure.subplots(), brackets)
+    draw_histogram(figure.subplots(), _coded_brackets(analysis) or analysis.brackets)
     return figure
 
 
@@ -106,10 +102,7 @@ def _psf_row(figure: FigureBase, analysis: RecordAnalysis) -> None:
 
 
 def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -> None:
-    """Draw the logarithm of a PSF.
-
-    The scale covers four decades below `peak`, or below the PSF's own peak if that is None.
-    """
+    """Draw four decades of a PSF below `peak`, or below its own peak if that is None."""
     axes.set_title(title)
     axes.set(xticks=[], yticks=[])
     if psf is None:
@@ -118,8 +111,7 @@ def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -
     peak = peak or float(psf.max())
     # Four decades show the ring beside the central peak.
     lowest = peak * 1e-4
-    shown = np.maximum(psf, lowest)
-    norm = LogNorm(lowest, peak)
+    shown, norm = np.maximum(psf, lowest), LogNorm(lowest, peak)
     image = axes.imshow(shown, cmap="magma", norm=norm, interpolation="nearest")
     axes.figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02)
 
@@ -192,17 +184,13 @@ def _radial_mean(picture: Picture) -> Picture:
 
 
 def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
-    """Draw how often each digital number occurs, a line per exposure.
-
-    Only the first exposures are drawn if there are many.
-    """
+    """Draw how often each digital number occurs, a line for each of the first ten exposures."""
     listed = [
         (f"{bracket.name}, {exposure * 1e3:g} ms", counts)
         for bracket in brackets
         for exposure, counts in zip(bracket.exposures, bracket.histogram, strict=True)
     ]
-    # The names of ten curves fit into the legend.
-    most = 10
+    most = 10  # so many names fit into the legend
     for label, counts in listed[:most]:
         width = max(counts.size // 256, 1)
         binned = counts[: counts.size // width * width].reshape(-1, width).sum(1)
@@ -217,9 +205,8 @@ def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
     axes.legend(fontsize=8)
 
 
-def _is_coded(analysis: RecordAnalysis, bracket: Bracket) -> bool:
-    roles = analysis.roles
-    return roles is not None and (bracket.target, bracket.pattern) == (
-        roles.photograph,
-        roles.coded,
-    )
+def _coded_brackets(analysis: RecordAnalysis) -> list[Bracket]:
+    if analysis.roles is None:
+        return []
+    shown = (analysis.roles.photograph, analysis.roles.coded)
+    return [one for one in analysis.brackets if (one.target, one.pattern) == shown]

@@ -24,7 +24,8 @@ def report_page(analysis: RecordAnalysis) -> str:
         parts.append(_psf(analysis))
     if analysis.scores:
         parts.append(_photographs(analysis))
-    parts.append(_time(analysis))
+    rows = [[stage, f"{seconds:.2f}"] for stage, seconds in analysis.seconds.items()]
+    parts.append("<h2>Time</h2>" + html_table(["stage", "s "], rows) + footer())
     return document(analysis.title, parts)
 
 
@@ -69,34 +70,22 @@ def _psf(analysis: RecordAnalysis) -> str:
 
 def _photographs(analysis: RecordAnalysis) -> str:
     rendered_pictures = "".join(
-        html_figure(
-            encode_png(picture),
-            figures.caption(analysis, name),
-        )
+        html_figure(encode_png(picture), figures.caption(analysis, name))
         for name, picture in analysis.images.items()
     )
+    rows = tables.variance_rows(analysis)
+    variance_use = html_table(tables.VARIANCE_COLUMNS, rows) if rows else ""
     return (
         "<h2>Photographs</h2>"
         + html_table(["picture", "PSNR dB ", "SSIM "], tables.score_rows(analysis))
         + "<p>Against the neutral photograph, over the central 90 % of each side; white is 1, "
         "and so are the peak of PSNR and the range of SSIM.</p>"
-        + _variance_use(analysis)
+        + variance_use
         + f'<div class="pair">{rendered_pictures}</div><p>{escape(analysis.credit)}</p>'
     )
-
-
-def _variance_use(analysis: RecordAnalysis) -> str:
-    """Return the table of how restorations used the variance map."""
-    rows = tables.variance_rows(analysis)
-    return html_table(tables.VARIANCE_COLUMNS, rows) if rows else ""
 
 
 def encode_png(picture: Picture) -> bytes:
     """Encode a picture, white at 1 and in colour or grey, as a PNG file of 8-bit sRGB."""
     bands = picture[None] if picture.ndim == 2 else np.moveaxis(picture, -1, 0)
     return encode_photograph(Path("picture.png"), bands.astype(np.float32), True, 1.0)
-
-
-def _time(analysis: RecordAnalysis) -> str:
-    rows = [[stage, f"{seconds:.2f}"] for stage, seconds in analysis.seconds.items()]
-    return "<h2>Time</h2>" + html_table(["stage", "s "], rows) + footer()

@@ -59,20 +59,14 @@ def print_tables(analysis: RecordAnalysis) -> None:
 
 
 def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Return a row of exposures and pixel shares for each bracket.
-
-    The rows hold the exposures, and the shares of pixels at full scale, clipped in every exposure,
-    and dark in every exposure.
-    """
+    """Return a row for each bracket, in the order of `EXPOSURE_COLUMNS`."""
     return [
         [
             b.target,
             b.pattern,
             f"{b.wavelength * 1e9:g}",
             " ".join(f"{t * 1e3:g}" for t in b.exposures),
-            percent(b.clipped_by_exposure[-1]),
-            percent(b.clipped),
-            percent(b.dark),
+            *map(percent, (b.clipped_by_exposure[-1], b.clipped, b.dark)),
             str(b.dark_frames),
         ]
         for b in analysis.brackets

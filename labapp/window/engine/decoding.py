@@ -16,8 +16,12 @@ from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.files.plan_file import Reconstruction
 from labapp.files.writing import write_atomically
 from labapp.pictures.reconstructing.before_after import middle_of_psf
-from labapp.pictures.reconstructing.decoding import DecodedPhotograph, decode_photograph
-from labapp.pictures.reconstructing.decoding_request import DecodingProblem, DecodingRequest
+from labapp.pictures.reconstructing.decoding import (
+    DecodedPhotograph,
+    DecodingProblem,
+    decode_photograph,
+)
+from labapp.pictures.reconstructing.decoding_request import DecodingRequest
 from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
 from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 from labapp.runs.record.reader import Record
