@@ -22,7 +22,7 @@ from labapp.pictures.analysis.brackets import WAVELENGTH_TOLERANCE, Bracket, fin
 from labapp.pictures.analysis.star_psf import bright_centroid, crop_centred
 from labapp.runs.record.reader import Record
 from labapp.spectral.band_response import mosaic_of, narrow_filters
-from labapp.spectral.band_selection import recorded_wavelengths
+from labapp.spectral.snapshot import recorded_wavelengths
 from labapp.spectral.star_spot import StarSpot, fit_star_spot
 
 Picture = NDArray[np.float64]
@@ -75,11 +75,6 @@ class BandPSFs:
             return self
         light = None if self.light is None else self.light / share
         return replace(self, psfs=self.psfs * share[:, None, None], light=light)
-
-    def with_unit_sums(self) -> BandPSFs:
-        """Return the PSFs, scaled so that each sums to 1."""
-        psfs = self.psfs / self.psfs.sum((1, 2), keepdims=True)
-        return replace(self, psfs=psfs, knows_share=False)
 
 
 def measure_band_psfs(

@@ -79,11 +79,8 @@ def broad_gains(mosaic: Mosaic | None, wavelengths: Sequence[float]) -> NDArray[
     """
     if mosaic is None:
         return np.ones((1, len(wavelengths)))
-    edges = band_edges(wavelengths)
-    return np.stack(
-        [white_balance(mosaic, None, (a, b)) for a, b in pairwise(edges)],
-        axis=1,
-    )
+    gains = [white_balance(mosaic, None, ends) for ends in pairwise(band_edges(wavelengths))]
+    return np.stack(gains, axis=1)
 
 
 def band_edges(wavelengths: Sequence[float]) -> list[float]:
@@ -95,25 +92,20 @@ def band_edges(wavelengths: Sequence[float]) -> list[float]:
 
 
 def response_from_star(
-    mosaic: Mosaic | None, gains: NDArray[np.float64], light: NDArray[np.float64], star: str
+    mosaic: Mosaic | None, gains: NDArray[np.float64], light: NDArray[np.float64] | None, star: str
 ) -> BandResponse:
     """Build the response of the bands from the light of the star, which counts as white.
 
     gains: (channels, bands), sensitivities, the largest of a band being 1.
-    light: (bands,), the star's light behind the filter that sees most of it, on any scale.
+    light: (bands,), the star's light behind the filter that sees most of it, on any scale. Where it
+        isn't known, white is taken to give the same in the brightest channel of each band.
     """
+    if light is None:
+        words = "taken to give the same in each band's brightest channel"
+        return BandResponse(*_layout(mosaic), gains, None, words)
     _require_light(light, f"the star {star!r}")
     shares = gains * (light / light.max())
     return BandResponse(*_layout(mosaic), shares, None, f"the light of the star {star!r}")
-
-
-def response_without_white(mosaic: Mosaic | None, gains: NDArray[np.float64]) -> BandResponse:
-    """Build the response of the bands where nothing white was recorded.
-
-    White is taken to give the same in the brightest channel of each band.
-    """
-    words = "taken to give the same in each band's brightest channel"
-    return BandResponse(*_layout(mosaic), gains, None, words)
 
 
 def response_from_sheet(
@@ -149,10 +141,8 @@ def _layout(mosaic: Mosaic | None) -> tuple[tuple[str, ...], str]:
 
 def _channel_means(picture: Bracket, mosaic: Mosaic | None) -> NDArray[np.float64]:
     """Return each channel's mean light in the middle of a white sheet's picture, (channels,)."""
-    rows, columns = (
-        slice(round(n * (1 - _CENTRAL_SHARE) / 2), n - round(n * (1 - _CENTRAL_SHARE) / 2))
-        for n in picture.rate.shape
-    )
+    borders = (round(n * (1 - _CENTRAL_SHARE) / 2) for n in picture.rate.shape)
+    rows, columns = (slice(at, n - at) for at, n in zip(borders, picture.rate.shape, strict=True))
     if not np.isfinite(picture.variance[rows, columns]).all():
         raise UserError(
             f"{picture.name}: the white sheet is clipped in every exposure. Expose it shorter."

@@ -21,20 +21,14 @@ def find_stack(
 
     Returns None if one is missing: a cube can only be judged whole.
     """
-    found = [
-        next(
-            (
-                one
-                for one in brackets
-                if (one.target, one.pattern) == (target, pattern)
-                and abs(one.wavelength - wavelength) < WAVELENGTH_TOLERANCE
-            ),
-            None,
-        )
-        for wavelength in wavelengths
-    ]
-    stack = [one for one in found if one is not None]
-    return stack if len(stack) == len(found) else None
+    own = [one for one in brackets if (one.target, one.pattern) == (target, pattern)]
+    stack = []
+    for wavelength in wavelengths:
+        at = [one for one in own if abs(one.wavelength - wavelength) < WAVELENGTH_TOLERANCE]
+        if not at:
+            return None
+        stack.append(at[0])
+    return stack
 
 
 def separate_neutral_bands(
@@ -58,8 +52,7 @@ def coded_light_share(coded: Sequence[Bracket], neutral: Sequence[Bracket]) -> P
     border of the frame inwards and outwards is taken to be equal.
     """
     pairs = zip(coded, neutral, strict=True)
-    sums = [(one.rate.sum(), max(float(other.rate.sum()), 1e-300)) for one, other in pairs]
-    return np.array([one / other for one, other in sums])
+    return np.array([a.rate.sum() / max(float(b.rate.sum()), 1e-300) for a, b in pairs])
 
 
 def _separate_band(record: Record, picture: Bracket, dead: NDArray[np.bool_]) -> Picture:
@@ -77,7 +70,7 @@ def _separate_band(record: Record, picture: Bracket, dead: NDArray[np.bool_]) ->
 def _median_of_neighbours(rate: Picture, dead: NDArray[np.bool_]) -> Picture:
     """Return a picture whose dead pixels have the median of the sound ones among 3 x 3."""
     filled = rate.copy()
-    for y, x in zip(*np.nonzero(dead), strict=True):
+    for y, x in np.argwhere(dead):
         part = slice(max(y - 1, 0), y + 2), slice(max(x - 1, 0), x + 2)
         sound = rate[part][~dead[part]]
         filled[y, x] = float(np.median(sound)) if sound.size else 0.0

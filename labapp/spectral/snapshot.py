@@ -1,4 +1,4 @@
-"""The coded snapshot of a record: one photograph of all bands, or the sum of narrow ones.
+"""The coded snapshot of a record: its bands, and one photograph of all, or the sum of narrow ones.
 
 Light of different wavelengths adds. Where a filter is always in the beam, the sum of the
 photographs that were taken through it, one band after the other, is what one photograph of all
@@ -17,14 +17,9 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.plan_file import Reconstruction
 from labapp.files.wavelengths import list_nanometres
-from labapp.pictures.analysis.brackets import Bracket, find_bracket
+from labapp.pictures.analysis.brackets import WAVELENGTH_TOLERANCE, Bracket, find_bracket
 from labapp.pictures.analysis.colour_filters import passband_at
 from labapp.runs.record.reader import Record
-from labapp.spectral.band_selection import (
-    recorded_wavelengths,
-    require_recorded_bands,
-    require_single_slots,
-)
 
 Picture = NDArray[np.float64]
 
@@ -84,6 +79,12 @@ class SnapshotBands:
     is_broad: bool
 
 
+def recorded_wavelengths(record: Record, target: str, pattern: str) -> tuple[float, ...]:
+    """Return the wavelengths in metres at which a target was recorded with a pattern, rising."""
+    frames = record.select(target=target, pattern=pattern)
+    return tuple(np.unique(record.column("wavelength")[frames]).tolist())
+
+
 def choose_bands(
     record: Record,
     roles: Reconstruction,
@@ -101,7 +102,7 @@ def choose_bands(
     known: bands in metres whose PSFs are known, for a photograph in broad light.
     """
     target, pattern = roles.photograph, roles.coded
-    require_single_slots(record, target, pattern)
+    _require_single_slots(record, target, pattern)
     recorded = recorded_wavelengths(record, target, pattern)
     if not recorded:
         raise UserError(
@@ -115,6 +116,27 @@ def choose_bands(
     what = f"{target!r} with pattern {pattern!r}"
     bands = recorded if wanted is None else require_recorded_bands(wanted, recorded, what, record)
     return SnapshotBands(bands, bands, is_broad=False)
+
+
+def require_recorded_bands(
+    wanted: Sequence[float], recorded: Sequence[float], what: str, record: Record
+) -> tuple[float, ...]:
+    """Return the recorded wavelengths of wanted bands; raise UserError if one is missing.
+
+    Both are in metres. `what` says in words what was recorded, and the error names the range of the
+    record's filter.
+    """
+    found = []
+    for one in wanted:
+        at = [own for own in recorded if abs(own - one) < WAVELENGTH_TOLERANCE]
+        if not at:
+            has = list_nanometres(recorded) if recorded else "no wavelength"
+            raise UserError(
+                f"--bands {one * 1e9:g}: {record.path} has {what} at {has}"
+                f"{_filter_range(record, one)}. Choose among these, or run a plan with that band."
+            )
+        found.append(at[0])
+    return tuple(found)
 
 
 def add_photographs(
@@ -137,6 +159,23 @@ def add_photographs(
         tuple(parts),
         bands.is_broad,
     )
+
+
+def _require_single_slots(record: Record, target: str, pattern: str) -> None:
+    """Raise UserError if frames of one wavelength came through different filter slots.
+
+    Two slots with the same centre, one open and one narrow, would be merged into one picture.
+    """
+    frames = record.select(target=target, pattern=pattern)
+    wavelengths, slots = (record.column(name)[frames] for name in ("wavelength", "slot"))
+    for one in np.unique(wavelengths):
+        through = np.unique(slots[wavelengths == one]).tolist()
+        if len(through) > 1:
+            raise UserError(
+                f"{record.path}: has {target!r} at {one * 1e9:g} nm through the slots "
+                f"{' and '.join(map(str, through))}. In the bench file, give the open slot a "
+                "centre of its own."
+            )
 
 
 def _broad_bands(
@@ -165,3 +204,12 @@ def _broad_bands(
             "it at that band as well, or through an open slot."
         )
     return bands
+
+
+def _filter_range(record: Record, wavelength: float) -> str:
+    """Say what the filter can be tuned to, if a wavelength (metres) lies outside; else nothing."""
+    table = record.bench.devices.tables.get("filter")
+    span = None if table is None else dict(table.options).get("range_nm")
+    if span is None or span[0] <= wavelength * 1e9 <= span[1]:
+        return ""
+    return f"; the filter can be tuned from {span[0]:g} to {span[1]:g} nm only"
