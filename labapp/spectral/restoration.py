@@ -121,7 +121,9 @@ def restore_snapshot(
     words = f"Restored from {problem.source}, by {found.method}"
     cube = problem.as_cube(bands, white, words, errors)
     progress.report(_RESTORING_SHARE, "scores")
-    truth = _true_cube(problem, white)
+    truth, known = problem.given_truth, problem.equalised_truth
+    if truth is None and known is not None:
+        truth = problem.as_cube(known, white, problem.truth_source)
     left = residual_map(problem.observation, found).numpy()
     return RestoredCube(
         problem,
@@ -150,11 +152,3 @@ def _estimate_errors(
     labels = [format_nanometres(one) for one in problem.wavelengths]
     errors = estimate_error_map(problem.observation, found, problem.spectra, labels=labels)
     return torch.as_tensor(errors.half_width).numpy(), errors.message
-
-
-def _true_cube(problem: SpectralProblem, white: float) -> SpectralCube | None:
-    """Return the true cube of a snapshot in shares of white; None if it isn't known."""
-    if problem.given_truth is not None:
-        return problem.given_truth
-    known = problem.equalised_truth
-    return None if known is None else problem.as_cube(known, white, problem.truth_source)
