@@ -1,4 +1,4 @@
-"""`labapp calibrate --spectra`, on a bench or from a record."""
+"""`labapp calibrate --spectra`, on a bench or from a record: results, and advice on the bench."""
 
 from __future__ import annotations
 
@@ -9,11 +9,18 @@ from typing import Any
 from pydantic import ValidationError
 
 from labapp.bench.opening import BenchFiles
-from labapp.common.console import print_json, terminal_progress
+from labapp.common.console import (
+    out,
+    print_json,
+    print_message,
+    print_table,
+    terminal_progress,
+)
 from labapp.common.errors import UserError
 from labapp.common.plain_text import shell_word
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.reading import format_validation_error
+from labapp.files.spectra_file import SpectraFile
 from labapp.files.writing import require_free_names
 from labapp.runs.run_commands import (
     ExecutionOptions,
@@ -21,12 +28,12 @@ from labapp.runs.run_commands import (
     print_written_plan,
 )
 from labapp.spectral.lights import ViewingLight, find_light
+from labapp.spectral.refinement import format_estimate
 from labapp.spectral_calibration.calibrating import (
     PICTURE_FILE,
     RADIANCE_FILE,
     SPECTRA_FILE,
     SpectraJob,
-    SpectraResult,
     calibrate_spectra,
     fit_and_write_spectra,
     prepare_spectra_plan,
@@ -36,7 +43,16 @@ from labapp.spectral_calibration.request import (
     bands_of_plan,
     read_snapshot_plan,
 )
-from labapp.spectral_calibration.result_report import print_spectra, spectra_data
+
+_LARGE_RESIDUAL = 0.25
+"""Residual of a star's picture, relative to it, from which the model counts as wrong. Chosen:
+interpolation and a star's own size leave a tenth."""
+
+_LARGE_CHANGE = 4.0
+"""Difference from nominal, in standard deviations that the nominal model was given, from which it
+is named."""
+
+_MODEL_KEYS = {"psfs_ppm", "neutral_ppm", "covariance", "deviation", "zeroth_order", "response"}
 
 
 @dataclass(frozen=True)
@@ -134,9 +150,90 @@ def _lamp(name: str | None) -> ViewingLight | None:
         raise UserError(str(error).replace("--light", "--lamp", 1)) from error
 
 
-def _print_result(found: SpectraResult, folder: Path, as_json: bool) -> None:
+def _print_result(file: SpectraFile, folder: Path, as_json: bool) -> None:
     paths = folder / SPECTRA_FILE, folder / PICTURE_FILE
     if as_json:
-        print_json(spectra_data(found.file, paths))
+        print_json(spectra_data(file, paths))
     else:
-        print_spectra(found.file, paths)
+        _print_tables(file, paths)
+
+
+def spectra_data(file: SpectraFile, paths: tuple[Path, ...]) -> dict[str, Any]:
+    """Return the results as plain data, without the model's own numbers."""
+    return file.model_dump(mode="json", exclude=_MODEL_KEYS) | {
+        "advice": advice(file),
+        "files": [str(one) for one in paths],
+    }
+
+
+def _print_tables(file: SpectraFile, paths: tuple[Path, ...]) -> None:
+    """Print parameters, bands, advice, and how to use the file."""
+    rows = [
+        [one.name, *format_estimate(one.value, one.sigma, one.unit), f"{one.nominal:.4g}"]
+        for one in file.parameters
+    ]
+    print_table("Spectral calibration", ["what", "found ", "", "nominal "], rows)
+    heads = ["band ", "white, e/s ", "share of light ", "star's residual "]
+    rows = [
+        [
+            f"{one.wavelength_nm:g} nm",
+            f"{one.white_e_per_s:.3g}",
+            f"{one.light_share:.3f}",
+            f"{one.star_residual:.1%}".replace("%", " %"),
+        ]
+        for one in file.bands
+    ]
+    print_table("Bands", heads, rows)
+    if file.transmission:
+        heads = ["band ", "centre nm ", "width nm ", "W/(sr m²) ", "filter's transmission "]
+        print_table("Light of the white sheet", heads, _light_rows(file))
+    print_message(f"transmission: {file.transmission_source}")
+    for line in advice(file):
+        print_message(line)
+    for line in file.indeterminate:
+        print_message(f"indeterminate: {line}")
+    for path in paths:
+        out.print(f"wrote {path}", soft_wrap=True)
+    out.print(
+        f"labapp reconstruct RUN.h5 --bands all --calibration {shell_word(paths[0])}",
+        soft_wrap=True,
+    )
+
+
+def _light_rows(file: SpectraFile) -> list[list[str]]:
+    """Return a printed row for each band on what the spectroradiometer saw."""
+    rows = []
+    for band, seen in zip(file.bands, file.transmission, strict=False):
+        numbers = (
+            f"{seen.wavelength_nm:.1f}",
+            f"{seen.width_nm:.1f}",
+            f"{seen.radiance_w_sr_m2:.3g}",
+        )
+        known = "not known"
+        if seen.relative is not None and seen.sigma is not None:
+            known = f"{seen.relative:.3f} ± {seen.sigma:.3f}"
+        rows.append([f"{band.wavelength_nm:g} nm", *numbers, known])
+    return rows
+
+
+def advice(file: SpectraFile) -> list[str]:
+    """Return what to do at the bench, in sentences."""
+    said = []
+    wrong = [one for one in file.bands if one.star_residual > _LARGE_RESIDUAL]
+    if wrong:
+        listed = ", ".join(f"{one.wavelength_nm:g}" for one in wrong)
+        said.append(
+            f"The computed PSFs explain the star badly at {listed} nm. Calibrate the panel first "
+            "(labapp calibrate), focus the star, or use the measured PSFs: labapp reconstruct "
+            f"RUN.h5 --bands all --psf {shell_word(file.record)}"
+        )
+    moved = [
+        one for one in file.parameters
+        if one.unit == "px" and abs(one.value) > 1.0 + _LARGE_CHANGE * one.sigma
+    ]  # fmt: skip
+    if moved:
+        said.append(
+            f"{moved[0].name}: {moved[0].value:+.2f} px beside the other bands. Lens and filter "
+            "displace colours; the calibration accounts for it."
+        )
+    return said

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,11 +64,15 @@ def find_exposures(
     clipped or all dark are taken again. Exposures that the request states aren't looked for.
     Raises UserError if one can't be found.
     """
-    found, tried = _requested_exposures(request), dict[tuple[str, float], list[_Trial]]()
-    for target in (request.star, request.flat):
+    found: Exposures = {}
+    tried: dict[tuple[str, float], list[_Trial]] = {}
+    stated = {request.star: request.exposure_ms, request.flat: request.flat_ms}
+    for target, ms in stated.items():
         for nm in request.bands_nm:
-            if (target, nm) not in found:
+            if ms is None:
                 tried[target, nm] = []
+            else:
+                found[target, nm] = ms * 1e-3
     sensor = bench.description.sensor
     wanted = {one: limit_exposures(sensor, [_FIRST_MS * 1e-3 * _RATIO**k for k in (-1, 0, 1)])
               for one in tried}  # fmt: skip
@@ -84,7 +87,15 @@ def find_exposures(
         )
         require_complete(outcome)
         _read_trials(path, tried, request.star)
-        wanted = _next_trials(tried, found, sensor, tuple(wanted))
+        asked, wanted = tuple(wanted), {}
+        for key in asked:
+            exposure, more = _judge(tried[key], sensor)
+            if exposure is not None:
+                found[key] = exposure
+            elif more:
+                wanted[key] = more
+            else:
+                raise _out_of_reach(key, tried[key])
     if wanted:
         target, nm = next(iter(wanted))
         shown = ", ".join(f"{one.exposure * 1e3:g}" for one in tried[target, nm])
@@ -93,16 +104,6 @@ def find_exposures(
             "lamp is steady, or give --exposure-ms and --flat-ms."
         )
     return found
-
-
-def _requested_exposures(request: SpectraRequest) -> Exposures:
-    given = {request.star: request.exposure_ms, request.flat: request.flat_ms}
-    return {
-        (target, nm): ms * 1e-3
-        for target, ms in given.items()
-        if ms is not None
-        for nm in request.bands_nm
-    }
 
 
 def _read_trials(path: Path, tried: dict[tuple[str, float], list[_Trial]], star: str) -> None:
@@ -125,35 +126,20 @@ def _brightest_level(frame: NDArray[np.uint16], sensor: Sensor, is_star: bool) -
     sheet's is a high percentile.
     """
     room = sensor.full_scale - sensor.black_level
-    if not is_star:
-        bright = float(np.percentile(frame, _BRIGHT_PERCENTILE))
-        return (bright - sensor.black_level) / room
-    return float((frame - np.median(frame)).max()) / room
+    if is_star:
+        return float((frame - np.median(frame)).max()) / room
+    return (float(np.percentile(frame, _BRIGHT_PERCENTILE)) - sensor.black_level) / room
 
 
-def _next_trials(
-    tried: Mapping[tuple[str, float], list[_Trial]],
-    found: Exposures,
-    sensor: Sensor,
-    asked: tuple[tuple[str, float], ...],
-) -> dict[tuple[str, float], tuple[float, ...]]:
-    """Add the exposures that are now known to `found`, and return those to try next."""
-    wanted = {}
-    for key in asked:
-        exposure, more = _judge(tried[key], sensor)
-        if exposure is not None:
-            found[key] = exposure
-        elif more:
-            wanted[key] = more
-        else:
-            end = min(tried[key], key=lambda one: one.level).exposure
-            dim = max(one.level for one in tried[key]) < _LEAST_LEVEL
-            raise UserError(
-                f"{key[0]!r} is too {'dim' if dim else 'bright'} at {key[1]:g} nm, at {end * 1e3:g}"
-                f" ms, the end of what the camera can expose. {'Brighten' if dim else 'Dim'} the "
-                "lamp, or check that it is in the frame."
-            )
-    return wanted
+def _out_of_reach(key: tuple[str, float], trials: list[_Trial]) -> UserError:
+    """Return the error of a target and wavelength in nm that no exposure of the camera suits."""
+    end = min(trials, key=lambda one: one.level).exposure
+    dim = max(one.level for one in trials) < _LEAST_LEVEL
+    return UserError(
+        f"{key[0]!r} is too {'dim' if dim else 'bright'} at {key[1]:g} nm, at {end * 1e3:g}"
+        f" ms, the end of what the camera can expose. {'Brighten' if dim else 'Dim'} the "
+        "lamp, or check that it is in the frame."
+    )
 
 
 def _judge(trials: list[_Trial], sensor: Sensor) -> tuple[float | None, tuple[float, ...]]:
@@ -171,8 +157,5 @@ def _judge(trials: list[_Trial], sensor: Sensor) -> tuple[float | None, tuple[fl
         return None, limit_exposures(sensor, [math.sqrt(min(bright) * max(dark))])
     end = min(bright) if bright else max(dark)
     step = 1 / _RATIO if bright else _RATIO
-    return None, tuple(
-        one
-        for one in limit_exposures(sensor, [end * step, end * step**2])
-        if not math.isclose(one, end)
-    )
+    further = limit_exposures(sensor, [end * step, end * step**2])
+    return None, tuple(one for one in further if not math.isclose(one, end))

@@ -173,7 +173,20 @@ def transmission_tables(
     shape = found.values.mean(1)
     centres = (shape @ (step * found.wavelengths)) / (shape @ step)
     widths = (shape @ step) / shape.max(1)
-    passed = _relative_transmission(found, lamp, light.mean(1), centres)
+    source = "radiance of the white sheet in each band"
+    if found.lamp is not None:
+        own = Spectrum(tuple(found.wavelengths), tuple(found.lamp)).at(centres)
+        source = f"{source}, over that through the open slot"
+    elif lamp is not None:
+        own = lamp.spectrum.at(centres)
+        source = f"{source}, over the lamp's spectrum {lamp.name!r}"
+    else:
+        own = None
+        source = (
+            f"{source}: lamp and filter together, as the filter has no open position. Give the "
+            "lamp's spectrum (--lamp) to tell them apart"
+        )
+    passed = None if own is None else _relative_transmission(found, light.mean(1), own)
     repeat = light.std(1, ddof=1) / light.mean(1) if light.shape[1] > 1 else np.zeros(len(light))
     sigmas = np.hypot(_LEAST_DEVIATION, repeat)
     tables = tuple(
@@ -188,23 +201,13 @@ def transmission_tables(
             zip(centres, widths, light.mean(1), strict=True)
         )
     )
-    return tables, _source_in_words(found, lamp)
+    return tables, source
 
 
 def _relative_transmission(
-    found: Radiances,
-    lamp: ViewingLight | None,
-    light: NDArray[np.float64],
-    centres: NDArray[np.float64],
-) -> NDArray[np.float64] | None:
-    """Return each band's light over the lamp's, (bands,), the largest being 1; None if no lamp."""
-    if found.lamp is not None:
-        known = Spectrum(tuple(found.wavelengths), tuple(found.lamp))
-    elif lamp is not None:
-        known = lamp.spectrum
-    else:
-        return None
-    own = known.at(centres)
+    found: Radiances, light: NDArray[np.float64], own: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return each band's light over the lamp's `own`, (bands,), the largest being 1."""
     if not (own > 0).all():
         dark = found.bands_nm[int(np.argmin(own))]
         raise UserError(
@@ -212,15 +215,3 @@ def _relative_transmission(
         )
     share = light / own
     return np.asarray(share / share.max())
-
-
-def _source_in_words(found: Radiances, lamp: ViewingLight | None) -> str:
-    """Say in words how the filter's transmission is known."""
-    if found.lamp is not None:
-        return "radiance of the white sheet in each band, over that through the open slot"
-    if lamp is not None:
-        return f"radiance of the white sheet in each band, over the lamp's spectrum {lamp.name!r}"
-    return (
-        "radiance of the white sheet in each band: lamp and filter together, as the filter has no "
-        "open position. Give the lamp's spectrum (--lamp) to tell them apart"
-    )
