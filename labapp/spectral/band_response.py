@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.pictures.analysis.brackets import Bracket, find_bracket
-from labapp.pictures.analysis.colour_filters import ColourFilters, described_filters
+from labapp.pictures.analysis.colour_filters import described_filters
 from labapp.pictures.colour_matrix import white_balance
 from labapp.runs.record.reader import Record
 from optics.sensor import Mosaic
@@ -19,12 +19,11 @@ from optics.sensor import Mosaic
 MONO = "Y"
 """Letter that stands for all pixels of a sensor without colour filters."""
 
+# Light over the brightest band's from which a band can be restored. Chosen: 60 dB below, only noise
+# is left.
 _LEAST_SHARE = 1e-3
-"""Light of a band, over that of the brightest band, from which it can be restored. Chosen: sixty
-decibels below the brightest, only noise is left."""
 
-_CENTRAL_SHARE = 0.5
-"""Share of each side of a white sheet's picture over which its light is averaged."""
+_CENTRAL_SHARE = 0.5  # of each side of a white sheet's picture, over which its light is averaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +54,9 @@ def mosaic_of(record: Record) -> Mosaic | None:
     return record.camera.sensor.colour
 
 
-def narrow_filters(record: Record, picture: Bracket) -> ColourFilters | None:
-    """Return the sensor's colour filters for a picture in light of one band; None without any.
-
-    The channels' sensitivities follow from the sensor's curves and the band's width, and the
-    largest is 1.
-    """
-    return described_filters(record, picture, True)
-
-
 def band_gains(record: Record, picture: Bracket) -> NDArray[np.float64]:
     """Return each channel's sensitivity in a picture's band, (channels,); the largest is 1."""
-    filters = narrow_filters(record, picture)
+    filters = described_filters(record, picture, is_grey=True)
     return np.ones(1) if filters is None else filters.gains
 
 

@@ -25,13 +25,11 @@ from labapp.files.cubes import SpectralCube
 from labapp.spectral.lights import ViewingLight
 from optics.light import Spectrum
 
-_VISIBLE_NM = np.arange(380.0, 781.0)
-"""Wavelengths in nanometres that a colour is summed over: CIE 15's range in steps of 1 nm."""
+_VISIBLE_NM = np.arange(380.0, 781.0)  # summed over for a colour: CIE 15's range, steps of 1 nm
 
 _OBSERVER = "CIE 1931 2 Degree Standard Observer"
 
-_SPRAGUE_BANDS = 6
-"""Fewest evenly spaced bands for which Sprague's polynomials are defined."""
+_SPRAGUE_BANDS = 6  # fewest evenly spaced bands for which Sprague's polynomials are defined
 
 
 @lru_cache(maxsize=16)

@@ -24,14 +24,12 @@ from optics.sensor import Mosaic
 
 Picture = NDArray[np.float64]
 
-_CHART_ROWS, _CHART_COLUMNS = 4, 6
-"""Patches of a ColorChecker."""
+_CHART_ROWS, _CHART_COLUMNS = 4, 6  # patches of a ColorChecker
 
+# Width of the chart's black frame between two patches, over their distance; chosen.
 _FRAME_SHARE = 0.16
-"""Width of the chart's black frame between two patches, relative to their distance; chosen."""
 
-_BLACK = 0.03
-"""Reflectance of the chart's black frame, about that of its darkest patch; chosen."""
+_BLACK = 0.03  # reflectance of the chart's black frame, about that of its darkest patch; chosen
 
 
 @dataclass(frozen=True, eq=False)

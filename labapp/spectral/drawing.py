@@ -24,14 +24,12 @@ from labapp.spectral.restoration import RestoredCube
 MOST_BANDS = 8
 """Most bands that a drawing shows side by side."""
 
-_TITLE_WIDTH = 150
-"""Characters of a line of the title."""
+_TITLE_WIDTH = 150  # characters of a line of the title
 
+# Share of a PSF's light that is drawn, and least pixels from its middle.
 _DRAWN_SHARE, _LEAST_REACH = 0.97, 8
-"""Share of a PSF's light that is drawn, and least number of pixels from its middle."""
 
-_DECADES = 3
-"""Powers of ten below its peak that a PSF is drawn over."""
+_DECADES = 3  # powers of ten below its peak that a PSF is drawn over
 
 
 def draw_snapshot(restored: RestoredCube, light: ViewingLight) -> bytes:

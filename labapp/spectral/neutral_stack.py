@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.pictures.analysis.brackets import WAVELENGTH_TOLERANCE, Bracket
+from labapp.pictures.analysis.colour_filters import described_filters
 from labapp.runs.record.reader import Record
-from labapp.spectral.band_response import narrow_filters
 
 Picture = NDArray[np.float64]
 
@@ -37,10 +37,7 @@ def separate_neutral_bands(
     """Estimate the light of each neutral photograph at each pixel, (bands, rows, columns).
 
     Behind colour filters, the light of the filter that sees most of the band is estimated in all
-    pixels (thesis Eq. 4.7). Dead pixels are filled in from their neighbours.
-
-    stack: photographs through the neutral pattern, one for each band.
-    dead: (rows, columns), pixels that give no light of their own.
+    pixels (thesis Eq. 4.7). Dead pixels, (rows, columns), are filled in from their neighbours.
     """
     return np.stack([_separate_band(record, one, dead) for one in stack])
 
@@ -57,7 +54,7 @@ def coded_light_share(coded: Sequence[Bracket], neutral: Sequence[Bracket]) -> P
 
 def _separate_band(record: Record, picture: Bracket, dead: NDArray[np.bool_]) -> Picture:
     """Estimate the light of one photograph at each pixel, (rows, columns)."""
-    filters = narrow_filters(record, picture)
+    filters = described_filters(record, picture, is_grey=True)
     clipped = ~np.isfinite(picture.variance)
     if filters is None:
         return np.where(dead, _median_of_neighbours(picture.rate, dead), picture.rate)

@@ -24,11 +24,9 @@ from labapp.spectral.neutral_stack import find_stack
 from labapp.spectral.snapshot import recorded_wavelengths, require_recorded_bands
 from optics.progress import Progress
 
-Picture = NDArray[np.float64]
-
+# Relative difference of two pitches that are taken for the same. A ring that is a hundredth too
+# large costs less than a tenth of a decibel.
 _PITCH_TOLERANCE = 0.01
-"""Relative difference of two pitches that are taken for the same. A ring that is a hundredth too
-large costs less than a tenth of a decibel."""
 
 
 def is_cube(path: Path) -> bool:
@@ -152,7 +150,7 @@ def read_true_cube(path: Path, wavelengths: tuple[float, ...]) -> SpectralCube:
 
 def _read_array(
     path: Path, wavelengths: Sequence[float] | None
-) -> tuple[Picture, tuple[float, ...]]:
+) -> tuple[NDArray[np.float64], tuple[float, ...]]:
     """Read PSFs from a .npy file; raise UserError if they aren't as many as the bands."""
     if path.suffix.lower() != ".npy":
         raise UserError(

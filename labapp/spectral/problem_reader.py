@@ -47,8 +47,7 @@ from labapp.spectral.snapshot_prior import prior_of_run, require_filters
 from optics.inverse.blur import Border
 from optics.progress import Progress
 
-_MERGING_SHARE = 0.8
-"""Share of the progress that merging takes; PSFs and true bands take the rest."""
+_MERGING_SHARE = 0.8  # of the progress; PSFs and true bands take the rest
 
 
 _MONO_NOTE = (

@@ -21,8 +21,7 @@ from optics.multispectral import SnapshotCalibration, estimate_error_map, restor
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_RESTORING_SHARE = 0.85
-"""Share of the progress that the restoration takes; scores and colours take the rest."""
+_RESTORING_SHARE = 0.85  # of the progress; scores and colours take the rest
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,25 +18,23 @@ from scipy.special import erf
 
 Picture = NDArray[np.float64]
 
+# Pixels around the brightest one to which the spot is fitted. Chosen: four times the period of
+# Bayer's pattern.
 _REACH = 8
-"""Pixels around the brightest one, up and down, to which the spot is fitted. Chosen: four times the
-period of Bayer's pattern."""
 
+# Pixels around a star's middle that show the light of its shape: rings of three pixels and more
+# leave them dark.
 _CORE = 2
-"""Pixels around a star's middle from which the light of its shape is estimated: rings of three
-pixels and more leave them dark."""
 
+# Deviation of a star's shape from a Gaussian, over its brightest pixel, that counts as noise.
+# Measured: an Airy disc of 1.2 pixels on a pixel and its neighbours leaves 0.03 to 0.06.
 _SHAPE_ERROR = 0.05
-"""Deviation of a star's true shape from a Gaussian, relative to its brightest pixel, that counts as
-noise of the fit. Measured: an Airy disc of 1.2 pixels on a pixel and its neighbours leaves 0.03 to
-0.06."""
 
+# Pixels from the brightest one at which fits begin: a star on the pixel of another colour is
+# brightest beside its place.
 _START_OFFSETS = (-0.6, 0.0, 0.6)
-"""Pixels from the brightest pixel, up and down, at which fits begin: a star on the pixel of another
-colour is brightest beside its place."""
 
-_SIGMAS = (0.2, 4.0)
-"""Least and largest standard deviation of a spot, in pixels."""
+_SIGMAS = (0.2, 4.0)  # pixels; least and largest standard deviation of a spot
 
 
 @dataclass(frozen=True)

@@ -48,8 +48,7 @@ RADIANCE_FILE = "radiances.csv"
 SPECTRA_FILE, PICTURE_FILE = "spectra.json", "spectra.png"
 
 
-_DIGITS = 6
-"""Significant digits of the model's numbers; the errors of all of them are larger."""
+_DIGITS = 6  # significant digits of the model's numbers; their errors are larger
 
 _NO_LAMP = (
     "The filter's own transmission: only the product of lamp and filter was seen. It matters for "

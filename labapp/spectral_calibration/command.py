@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import (
     out,
@@ -19,7 +17,7 @@ from labapp.common.console import (
 from labapp.common.errors import UserError
 from labapp.common.plain_text import shell_word
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
-from labapp.files.reading import format_validation_error
+from labapp.files.reading import validate
 from labapp.files.spectra_file import SpectraFile
 from labapp.files.writing import require_free_names
 from labapp.runs.run_commands import (
@@ -44,13 +42,11 @@ from labapp.spectral_calibration.request import (
     read_snapshot_plan,
 )
 
+# Residual of a star's picture, relative to it, from which the model counts as wrong. Chosen:
+# interpolation and a star's own size leave a tenth.
 _LARGE_RESIDUAL = 0.25
-"""Residual of a star's picture, relative to it, from which the model counts as wrong. Chosen:
-interpolation and a star's own size leave a tenth."""
 
-_LARGE_CHANGE = 4.0
-"""Difference from nominal, in standard deviations that the nominal model was given, from which it
-is named."""
+_LARGE_CHANGE = 4.0  # nominal standard deviations by which a parameter is off, to be named
 
 _MODEL_KEYS = {"psfs_ppm", "neutral_ppm", "covariance", "deviation", "zeroth_order", "response"}
 
@@ -100,10 +96,7 @@ class SpectraOptions:
                 f"--wavelength-nm {data['bands_nm'][0]:g}: is one band, and --spectra needs two or "
                 "more. Repeat the option for each band."
             )
-        try:
-            request = SpectraRequest.model_validate(data)
-        except ValidationError as error:
-            raise UserError(format_validation_error(error, "calibrate --spectra")) from error
+        request = validate(data, SpectraRequest, "calibrate --spectra")
         return SpectraJob(files, source, request, folder, _lamp(self.lamp))
 
 

@@ -20,22 +20,17 @@ from labapp.spectral_calibration.request import SpectraRequest
 from optics.camera import Sensor
 from optics.progress import Progress
 
+# Middle exposure of the first trial in milliseconds, and ratio between its exposures. Chosen as
+# between those of the plan coded-snapshot; one frame covers a range of about 50.
 _FIRST_MS, _RATIO = 16.0, 16.0
-"""Middle exposure of the first trial in milliseconds, and ratio between a trial's exposures. Chosen
-as between those of the plan coded-snapshot; one frame covers a range of about 50."""
 
+# Level, 0 at black and 1 at full scale, that the brightest pixel shall reach, and from which it
+# counts as clipped. Chosen.
 _LEVEL, _CLIPPED = 0.6, 0.97
-"""Share of the range between black and full scale that the brightest pixel shall reach, and from
-which it counts as clipped. Chosen."""
 
-_LEAST_LEVEL = 0.01
-"""Least level of the brightest pixel from which an exposure is derived: with 12 bits, 40 steps."""
-
-_MOST_ROUNDS = 4
-"""Most rounds of trials; chosen: they cover exposures from microseconds to minutes."""
-
-_BRIGHT_PERCENTILE = 99.5
-"""Percentile of a white sheet's pixels that counts as its brightest pixel, hot ones left out."""
+_LEAST_LEVEL = 0.01  # of the brightest pixel, to derive an exposure: with 12 bits, 40 steps
+_MOST_ROUNDS = 4  # of trials; chosen: they cover exposures from microseconds to minutes
+_BRIGHT_PERCENTILE = 99.5  # of a white sheet's pixels; counts as its brightest, hot ones left out
 
 _TITLE = "Trial of the exposures of a spectral calibration"
 

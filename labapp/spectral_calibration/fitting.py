@@ -34,28 +34,21 @@ from optics.progress import Progress
 
 Stack = NDArray[np.float64]
 
-_POINT = 1e-9
-"""Diameter in metres of a star whose size isn't known: a point."""
+_POINT = 1e-9  # metres; diameter of a star whose size isn't known
+_CENTRAL_SHARE = 0.5  # of each side of a white sheet's picture, where its light is most even
 
-_CENTRAL_SHARE = 0.5
-"""Share of each side of a white sheet's picture that is fitted, where its light is most even."""
-
+# Least brightest pixel of a star, over the noise of a dark one. Chosen: of less, a PSF's place is
+# known no better than by the nominal model.
 _LEAST_STAR = 10.0
-"""Least brightest pixel of a star's picture, over the noise of a dark pixel. Chosen: of less, a
-PSF's place is known no better than by the nominal model."""
 
-_DARK_PERCENTILE = 10.0
-"""Percentile of the variances of a star's picture that counts as that of a dark pixel."""
+_DARK_PERCENTILE = 10.0  # of the variances of a star's picture; counts as that of a dark pixel
+_MAD_TO_DEVIATION = 1.4826  # standard deviation of a normal variable over its median absolute one
 
-_MAD_TO_DEVIATION = 1.4826
-"""Standard deviation of a normal variable over its median absolute deviation."""
-
+# Pixels around the PSFs' middle from which the star's place is found first. Chosen: the zeroth
+# order shows it best.
 _PLACE_REACH = 12
-"""Pixels around the middle of the PSFs from which the place of the star is found first. Chosen: the
-zeroth order shows it best."""
 
-_BRIGHT = 5.0
-"""Noise of a dark pixel from which a pixel's photon noise can be told."""
+_BRIGHT = 5.0  # noises of a dark pixel from which a pixel's photon noise can be told
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,18 +16,15 @@ from labapp.spectral.drawing import cut_middle, reach_of_light, shown_bands
 from labapp.spectral_calibration.fitting import SpectraFit
 from labapp.spectral_calibration.radiances import LAMP, Radiances
 
-_DECADES = 3
-"""Powers of ten below its peak that a star is drawn over."""
+_DECADES = 3  # powers of ten below its peak that a star is drawn over
+_DIFFERENCE = 0.05  # of star and model, relative to the star's peak, that has the deepest colour
 
-_DIFFERENCE = 0.05
-"""Difference of star and model, relative to the star's peak, that has the deepest colour."""
-
+# Share of a star's modelled light that is drawn, and pixels around it.
 _DRAWN_SHARE, _MARGIN = 0.9, 2
-"""Share of a star's modelled light that is drawn, and pixels around it."""
 
 _COLOURS = {"R": "tab:red", "G": "tab:green", "B": "tab:blue"}
+# Standard deviations; half axis of an ellipse that holds 90 % of two normal variables.
 _NINETY = 2.146
-"""Half axis of an ellipse that holds 90 % of two normal variables, in standard deviations."""
 
 
 def draw_spectra(fit: SpectraFit, file: SpectraFile, seen: Radiances | None) -> Figure:
@@ -109,15 +106,10 @@ def _draw_zeroth_orders(axes: Axes, file: SpectraFile) -> None:
         label="calibrated, 90 %",
     )
     (size,) = _select_parameters(file, "size")
-    axes.set_title(
-        f"Zeroth order's share of the light\nsize of the coded PSFs {size.value:.4f} "
-        f"± {size.sigma:.4f}",
-        fontsize=10,
-    )
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("wavelength, nm")
     axes.legend(fontsize=8)
-    axes.grid(alpha=0.3)
+    measured = f"{size.value:.4f} ± {size.sigma:.4f}"
+    _label(axes, f"Zeroth order's share of the light\nsize of the coded PSFs {measured}")
 
 
 def _draw_places(axes: Axes, file: SpectraFile) -> None:
@@ -159,11 +151,8 @@ def _draw_response(axes: Axes, fit: SpectraFit, file: SpectraFile) -> None:
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(max(float((found / white).min()) / 1.5, 1e-4), 1.3)
-    axes.set_title("Light of the white sheet behind each filter\ndotted: by the sensor's curves",
-                   fontsize=10)  # fmt: skip
-    axes.set_xlabel("wavelength, nm")
     axes.legend(fontsize=8)
-    axes.grid(alpha=0.3)
+    _label(axes, "Light of the white sheet behind each filter\ndotted: by the sensor's curves")
 
 
 def _draw_radiances(axes: Axes, seen: Radiances) -> None:
@@ -174,7 +163,11 @@ def _draw_radiances(axes: Axes, seen: Radiances) -> None:
     if seen.lamp is not None:
         axes.plot(nm, seen.lamp, color="0.4", lw=0.8, label=f"{LAMP}, without narrow filter")
         axes.legend(fontsize=8)
-    axes.set_title("Radiance of the white sheet\nW/(sr m² nm)", fontsize=10)
-    axes.set_xlabel("wavelength, nm")
     axes.set_ylim(bottom=0)
+    _label(axes, "Radiance of the white sheet\nW/(sr m² nm)")
+
+
+def _label(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=10)
+    axes.set_xlabel("wavelength, nm")
     axes.grid(alpha=0.3)

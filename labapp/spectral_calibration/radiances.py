@@ -26,15 +26,13 @@ INSTRUMENT = "spectroradiometer"
 LAMP = "lamp"
 """Name of the column with the white sheet's light without a narrow filter."""
 
-_REPEATS = 2
-"""Measurements of each band; chosen: their difference says how well they repeat."""
+_REPEATS = 2  # of each band; chosen: their difference says how well they repeat
 
+# Least relative standard deviation of a radiance: the accuracy that the CS-2000's data sheet states
+# for a lamp of 2856 K.
 _LEAST_DEVIATION = 0.02
-"""Least relative standard deviation of a radiance: what the CS-2000's data sheet states as its
-accuracy for a lamp of 2856 K."""
 
-_ROUND_TRIP = 1e-5
-"""Smallest radiance that is written, relative to the largest: below, there is only noise."""
+_ROUND_TRIP = 1e-5  # least radiance that is written, of the largest: below, there is only noise
 
 
 @dataclass(frozen=True)
