@@ -74,13 +74,9 @@ class BandPSFs:
 def measure_band_psfs(
     record: Record, brackets: list[Bracket], roles: Reconstruction, wavelengths: Sequence[float]
 ) -> BandPSFs:
-    """Measure one PSF for each band on a record's star.
+    """Measure one PSF for each band (metres) on a record's star, from its merged pictures.
 
     Raises UserError if the star is missing or dark in a band, or much brighter coded than neutral.
-
-    brackets: merged pictures, those of the star among them.
-    roles: names of the star and the patterns, and the size of the window.
-    wavelengths: bands in metres.
     """
 
     def stars(pattern: str) -> list[Bracket]:

@@ -63,9 +63,8 @@ def band_gains(record: Record, picture: Bracket) -> NDArray[np.float64]:
 def broad_gains(mosaic: Mosaic | None, wavelengths: Sequence[float]) -> NDArray[np.float64]:
     """Compute each channel's sensitivity to each band of broad light, (channels, bands), 0 to 1.
 
-    A band reaches halfway to the next ones. The largest sensitivity in each band is 1.
-
-    wavelengths: centres in metres, rising, two or more.
+    A band reaches from its centre (metres, rising) halfway to the next ones. The largest
+    sensitivity in each band is 1.
     """
     if mosaic is None:
         return np.ones((1, len(wavelengths)))
@@ -105,13 +104,10 @@ def response_from_sheet(
     neutral: str,
     wavelengths: Sequence[float],
 ) -> BandResponse:
-    """Build the response of the bands from pictures of a white sheet.
+    """Build the response of the bands (metres) from merged pictures of a white sheet.
 
-    Raises UserError if one of these is missing, dark or clipped.
-
-    brackets: merged pictures, those of the sheet among them.
-    sheet: target that is a white sheet, which fills the middle of the frame.
-    wavelengths: bands in metres.
+    The sheet fills the middle of the frame. Raises UserError if a picture is missing, dark or
+    clipped.
     """
     mosaic = mosaic_of(record)
     pictures = [find_bracket(brackets, sheet, neutral, one, record.path) for one in wavelengths]

@@ -34,12 +34,10 @@ _SPRAGUE_BANDS = 6  # fewest evenly spaced bands for which Sprague's polynomials
 
 @lru_cache(maxsize=16)
 def xyz_matrix(wavelengths: tuple[float, ...], light: Spectrum) -> NDArray[np.float64]:
-    """Compute the matrix (3, bands) from reflectances in bands to XYZ; white has Y = 1.
+    """Compute the matrix (3, bands) from reflectances in bands (metres, rising) to XYZ.
 
-    White is 1 in all bands. Raises UserError if no band is visible, or the light is dark from 380
-    to 780 nm.
-
-    wavelengths: metres, rising.
+    White is 1 in all bands, and has Y = 1. Raises UserError if no band is visible, or the light is
+    dark from 380 to 780 nm.
     """
     nm = 1e9 * np.array(wavelengths)
     if nm[-1] < _VISIBLE_NM[0] or nm[0] > _VISIBLE_NM[-1]:

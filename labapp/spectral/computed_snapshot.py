@@ -44,10 +44,7 @@ class ComputedSnapshot:
     observation: MosaicObservation
 
     def band_levels(self, bands: NDArray[np.floating]) -> tuple[float, ...]:
-        """Return each restored band's PSNR in dB; the peak is white.
-
-        Bands are clipped to 0 to 1 first.
-        """
+        """Return the PSNR in dB (peak 1) of each restored band, clipped to 0 to 1."""
         shown = np.clip(np.asarray(bands, dtype=np.float64), 0, 1)
         return tuple(psnr(one, wanted) for one, wanted in zip(shown, self.truth, strict=True))
 
@@ -69,9 +66,8 @@ def compute_snapshot(
 
     Raises ValueError if no filter sees one of the bands, or PSFs and cube don't fit together.
 
-    truth: (bands, rows, columns), shares of white.
+    truth: (bands, rows, columns), shares of white, in bands at `wavelengths` (metres).
     psfs: (bands, rows, columns), origin at n // 2.
-    wavelengths: bands in metres.
     noise: standard deviation of a pixel's Gaussian noise, relative to white; 0 or more.
     """
     shares = filter_shares(mosaic, wavelengths)

@@ -16,17 +16,17 @@ Picture = NDArray[np.float64]
 
 def find_stack(
     brackets: list[Bracket], target: str, pattern: str, wavelengths: Sequence[float]
-) -> list[Bracket] | None:
+) -> list[Bracket]:
     """Find the pictures of a target with a pattern in all bands (metres) among merged pictures.
 
-    Returns None if one is missing: a cube can only be judged whole.
+    There are none if one is missing: a cube can only be judged whole.
     """
     own = [one for one in brackets if (one.target, one.pattern) == (target, pattern)]
     stack = []
     for wavelength in wavelengths:
         at = [one for one in own if abs(one.wavelength - wavelength) < WAVELENGTH_TOLERANCE]
         if not at:
-            return None
+            return []
         stack.append(at[0])
     return stack
 

@@ -120,7 +120,7 @@ def neutral_stack_of_record(
     """
     brackets = merge_all(record, Progress(), {roles.photograph})
     stack = find_stack(brackets, roles.photograph, roles.neutral, wavelengths)
-    if stack is None:
+    if not stack:
         raise UserError(
             f"--truth {record.path}: hasn't {roles.photograph!r} with the pattern "
             f"{roles.neutral!r} at all bands. Give the record of a spectral stack, or a cube."

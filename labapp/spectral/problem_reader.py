@@ -49,7 +49,6 @@ from optics.progress import Progress
 
 _MERGING_SHARE = 0.8  # of the progress; PSFs and true bands take the rest
 
-
 _MONO_NOTE = (
     "the sensor has no colour filters: bands are told apart by their PSFs alone, which is poor. A "
     "sensor with colour filters shows more"
@@ -68,10 +67,8 @@ _BROAD_NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class ProblemReader:
-    """Reads the snapshot of a record, its PSFs, response and truth.
+    """Reads the snapshot of an open record, its PSFs, response and truth.
 
-    record: open.
-    roles: names of photograph, star and patterns.
     white: target that counts as white: the star, or a white sheet.
     wanted: bands in metres, rising; None for all.
     psf: file with the PSFs; None for the record's star.
@@ -94,7 +91,11 @@ class ProblemReader:
         `noise` is in electrons per second and pixel; None to estimate it.
         """
         # What can be refused without a picture is refused before the pictures are merged.
-        self._require_psfs()
+        if self.refines:
+            require_filters("--refine", mosaic_of(self.record))
+        if self.calibration is None and self.psf is None:
+            require_star(self.record, self.roles, self.bands.wavelengths)
+        _ = self._calibrated_bands, self._psf_stack
         snapshot = self.snapshot
         self.progress.report(_MERGING_SHARE, "PSFs of the bands")
         psfs, psf_source = self._band_psfs()
@@ -175,11 +176,8 @@ class ProblemReader:
     @cached_property
     def _neutral(self) -> list[Bracket]:
         """Find the neutral photographs of all bands; none if one is missing."""
-        if self.roles.neutral == self.roles.coded:
-            return []
-        photograph, neutral = self.roles.photograph, self.roles.neutral
-        bands = self.bands.wavelengths
-        return find_stack(self._brackets, photograph, neutral, bands) or []
+        roles = self.roles
+        return [] if roles.neutral == roles.coded else self._stack(roles.photograph, roles.neutral)
 
     @cached_property
     def _dead(self) -> NDArray[np.bool_]:
@@ -190,16 +188,16 @@ class ProblemReader:
 
     def _bands_with_psfs(self) -> tuple[float, ...]:
         """Return the wavelengths in metres at which the record or a file has PSFs."""
-        star, coded = self.roles.star, self.roles.coded
+        roles = self.roles
         if self.calibration is not None:
             return self.calibration.file.wavelengths
         if self.psf is None:
-            return recorded_wavelengths(self.record, star, coded)
+            return recorded_wavelengths(self.record, roles.star, roles.coded)
         if is_cube(self.psf):
             return read_cube(self.psf).wavelengths
         if is_record(self.psf):
             with Record(self.psf) as other:
-                return recorded_wavelengths(other, star, coded)
+                return recorded_wavelengths(other, roles.star, roles.coded)
         return self.wanted or ()
 
     def _band_psfs(self) -> tuple[BandPSFs, str]:
@@ -240,17 +238,6 @@ class ProblemReader:
         wavelengths = self.bands.wavelengths if known else None
         return read_psf_stack(self.psf, wavelengths, self.record.camera.sensor.pitch)
 
-    def _require_psfs(self) -> None:
-        """Raise UserError if a band has no star, and no PSF in a file."""
-        if self.refines:
-            require_filters("--refine", mosaic_of(self.record))
-        if self.calibration is not None:
-            _ = self._calibrated_bands
-        elif self.psf is None:
-            require_star(self.record, self.roles, self.bands.wavelengths)
-        else:
-            _ = self._psf_stack
-
     @cached_property
     def _light_share(self) -> NDArray[np.float64] | None:
         """Measure the share of the light that the coded pattern passes, (bands,).
@@ -258,17 +245,18 @@ class ProblemReader:
         The white sheet shows it, or the photographs; None where neither was recorded with both
         patterns.
         """
-        bands, roles = self.bands.wavelengths, self.roles
+        roles = self.roles
         for target in (self.white, roles.photograph):
             if target == roles.star or roles.neutral == roles.coded:
                 continue
-            pair = [
-                find_stack(self._brackets, target, pattern, bands)
-                for pattern in (roles.coded, roles.neutral)
-            ]
-            if pair[0] and pair[1]:
-                return coded_light_share(pair[0], pair[1])
+            coded, neutral = (self._stack(target, one) for one in (roles.coded, roles.neutral))
+            if coded and neutral:
+                return coded_light_share(coded, neutral)
         return None
+
+    def _stack(self, target: str, pattern: str) -> list[Bracket]:
+        """Find the pictures of a target with a pattern in all bands; none if one is missing."""
+        return find_stack(self._brackets, target, pattern, self.bands.wavelengths)
 
     def _response(self, psfs: BandPSFs) -> BandResponse:
         """Return what white gives in each band behind each filter."""

@@ -86,10 +86,7 @@ def recorded_wavelengths(record: Record, target: str, pattern: str) -> tuple[flo
 
 
 def choose_bands(
-    record: Record,
-    roles: Reconstruction,
-    wanted: Sequence[float] | None,
-    known: Sequence[float],
+    record: Record, roles: Reconstruction, wanted: Sequence[float] | None, known: Sequence[float]
 ) -> SnapshotBands:
     """Choose the bands and the photographs of a record; no picture is read for that.
 
@@ -97,7 +94,6 @@ def choose_bands(
     is the snapshot. Otherwise it is the sum of the photographs of the wanted bands. Raises
     UserError if there is no such photograph, or a band is missing.
 
-    roles: names of the photograph and the coded pattern.
     wanted: bands in metres, rising; None for all.
     known: bands in metres whose PSFs are known, for a photograph in broad light.
     """
@@ -142,11 +138,7 @@ def require_recorded_bands(
 def add_photographs(
     brackets: list[Bracket], roles: Reconstruction, bands: SnapshotBands, path: Path
 ) -> CodedSnapshot:
-    """Add the coded photographs of all bands, their light and its variance.
-
-    brackets: merged pictures of the record at `path`, those of the photograph among them.
-    roles: names of the photograph and the coded pattern.
-    """
+    """Add the coded photographs of all bands among the merged pictures of the record at `path`."""
     parts = [
         find_bracket(brackets, roles.photograph, roles.coded, one, path)
         for one in bands.photographed

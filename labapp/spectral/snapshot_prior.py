@@ -26,10 +26,7 @@ _LEAST_SHARE = 1e-3  # of a band's strongest channel: least response, as a model
 def prior_of_run(psfs: BandPSFs, response: BandResponse) -> SnapshotCalibration:
     """Return the camera's nominal model with the usual uncertainty, from a run's star and white.
 
-    Its response includes the PSFs' shares.
-
-    psfs: each sums to the share of the light that it passes.
-    response: what white gives in each band behind each filter.
+    Its response includes the share of the light that each PSF passes, which is the PSF's sum.
     """
     neutral = _neutral_psfs(psfs)
     shapes = psfs.psfs / psfs.psfs.sum((1, 2), keepdims=True)

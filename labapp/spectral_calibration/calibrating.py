@@ -58,18 +58,13 @@ _NO_LAMP = (
 
 @dataclass(frozen=True)
 class SpectraJob:
-    """What is measured, and where.
-
-    source: plan whose coded pattern is calibrated.
-    folder: of the results.
-    lamp: spectrum of the lamp, from elsewhere.
-    """
+    """What is measured, and where: `source` is the plan whose coded pattern is calibrated."""
 
     files: BenchFiles
     source: NamedPlan
     request: SpectraRequest
     folder: Path
-    lamp: ViewingLight | None = None
+    lamp: ViewingLight | None
 
 
 def calibrate_spectra(
@@ -103,10 +98,8 @@ def prepare_spectra_plan(job: SpectraJob) -> PlanFile:
 
     Raises UserError without exposures.
     """
-    for option, value in (
-        ("--exposure-ms", job.request.exposure_ms),
-        ("--flat-ms", job.request.flat_ms),
-    ):
+    stated = {"--exposure-ms": job.request.exposure_ms, "--flat-ms": job.request.flat_ms}
+    for option, value in stated.items():
         if value is None:
             raise UserError(
                 f"--plan-only takes no pictures, and can't find exposures by trial. Give {option}: "

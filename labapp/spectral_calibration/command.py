@@ -53,11 +53,7 @@ _MODEL_KEYS = {"psfs_ppm", "neutral_ppm", "covariance", "deviation", "zeroth_ord
 
 @dataclass(frozen=True)
 class SpectraOptions:
-    """Options of `labapp calibrate --spectra`.
-
-    plan: path or bundled name of the plan whose coded pattern is calibrated.
-    lamp: CIE illuminant, or CSV file of the lamp's spectrum.
-    """
+    """Options of `labapp calibrate --spectra`: `lamp` is a CIE illuminant, or a CSV file."""
 
     wavelengths_nm: tuple[float, ...]
     plan: str | None
@@ -71,10 +67,7 @@ class SpectraOptions:
     lamp: str | None
 
     def job(self, folder: Path, files: BenchFiles) -> SpectraJob:
-        """Return the job that the options describe; UserError names a wrong one.
-
-        `folder` is that of the results.
-        """
+        """Return the job with results in `folder`; UserError names a wrong option."""
         source = read_snapshot_plan(self.plan)
         roles = source.plan.reconstruct
         assert roles is not None

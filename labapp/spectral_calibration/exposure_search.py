@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench
 from labapp.calibration.trial_exposures import limit_exposures, trial_plan
@@ -105,25 +104,19 @@ def _read_trials(path: Path, tried: dict[tuple[str, float], list[_Trial]], star:
     """Add the frames of a trial's record to those that were tried."""
     with Record(path) as record:
         sensor = record.camera.sensor
+        room = sensor.full_scale - sensor.black_level
         columns = {name: record.column(name) for name in ("target", "wavelength_asked", "exposure")}
         for index in range(record.frame_count):
             target = record.target_names[columns["target"][index]]
             nm = columns["wavelength_asked"][index] * 1e9
             key = next(one for one in tried if one[0] == target and abs(one[1] - nm) < 1e-3)
-            level = _brightest_level(record.image(index), sensor, target == star)
-            tried[key].append(_Trial(float(columns["exposure"][index]), level))
-
-
-def _brightest_level(frame: NDArray[np.uint16], sensor: Sensor, is_star: bool) -> float:
-    """Return the level of a trial's brightest pixel, 0 at black and 1 at full scale.
-
-    A star's is its brightest pixel, which may have no bright neighbour behind colour filters. A
-    sheet's is a high percentile.
-    """
-    room = sensor.full_scale - sensor.black_level
-    if is_star:
-        return float((frame - np.median(frame)).max()) / room
-    return (float(np.percentile(frame, _BRIGHT_PERCENTILE)) - sensor.black_level) / room
+            frame = record.image(index)
+            # Behind colour filters, a star's brightest pixel may have no bright neighbour.
+            if target == star:
+                bright = float((frame - np.median(frame)).max())
+            else:
+                bright = float(np.percentile(frame, _BRIGHT_PERCENTILE)) - sensor.black_level
+            tried[key].append(_Trial(float(columns["exposure"][index]), bright / room))
 
 
 def _out_of_reach(key: tuple[str, float], trials: list[_Trial]) -> UserError:

@@ -153,7 +153,6 @@ def transmission_tables(
 
     Raises UserError if a band's light, or the lamp's at a band, is nothing but noise.
 
-    found: as measured; None without a spectroradiometer.
     lamp: spectrum of the lamp on any scale, from elsewhere. The measured one is preferred.
     """
     if found is None:
