@@ -70,6 +70,11 @@ class BandPSFs:
         light = None if self.light is None else self.light / share
         return replace(self, psfs=self.psfs * share[:, None, None], light=light)
 
+    def with_unit_sums(self) -> BandPSFs:
+        """Return the PSFs, scaled so that each sums to 1."""
+        psfs = self.psfs / self.psfs.sum((1, 2), keepdims=True)
+        return replace(self, psfs=psfs, knows_share=False)
+
 
 def measure_band_psfs(
     record: Record, brackets: list[Bracket], roles: Reconstruction, wavelengths: Sequence[float]

@@ -107,8 +107,7 @@ def measure_psfs_of_record(
         require_recorded_bands(wavelengths, recorded, what, record)
         brackets = merge_all(record, Progress(), {roles.star})
         found = measure_band_psfs(record, brackets, roles, wavelengths)
-    psfs = found.psfs / found.psfs.sum((1, 2), keepdims=True)
-    return replace(found, psfs=psfs, light=None, knows_share=False)
+    return replace(found, light=None).with_unit_sums()
 
 
 def neutral_stack_of_record(
