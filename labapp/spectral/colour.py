@@ -27,8 +27,6 @@ from optics.light import Spectrum
 
 _VISIBLE_NM = np.arange(380.0, 781.0)  # summed over for a colour: CIE 15's range, steps of 1 nm
 
-_OBSERVER = "CIE 1931 2 Degree Standard Observer"
-
 _SPRAGUE_BANDS = 6  # fewest evenly spaced bands for which Sprague's polynomials are defined
 
 
@@ -45,7 +43,7 @@ def xyz_matrix(wavelengths: tuple[float, ...], light: Spectrum) -> NDArray[np.fl
             f"bands of {nm[0]:g} to {nm[-1]:g} nm are invisible and have no colour. Leave the "
             "colours out"
         )
-    table = colour_library().MSDS_CMFS[_OBSERVER]
+    table = colour_library().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     observer = np.array([np.interp(_VISIBLE_NM, table.wavelengths, one) for one in table.values.T])
     observer = observer * light.at(_VISIBLE_NM / 1e9)
     if not observer[1].sum() > 0:

@@ -106,7 +106,7 @@ class ProblemReader:
         return SpectralProblem(
             np.where(self._dead, np.nan, snapshot.rate),
             snapshot.clipped & ~self._dead,
-            snapshot.wavelengths,
+            self.bands.wavelengths,
             psfs.psfs,
             response,
             snapshot.noise,
@@ -153,7 +153,7 @@ class ProblemReader:
             return said
         if not psfs_know_share and self._light_share is None:
             said.append(_SHARE_NOTE)
-        return [*said, _BROAD_NOTE] if self.snapshot.is_broad else said
+        return [*said, _BROAD_NOTE] if self.bands.is_broad else said
 
     @cached_property
     def bands(self) -> SnapshotBands:
@@ -262,9 +262,9 @@ class ProblemReader:
         """Return what white gives in each band behind each filter."""
         if self._calibrated_bands is not None:
             return self._calibrated_bands.response
-        snapshot, mosaic, star = self.snapshot, mosaic_of(self.record), self.roles.star
-        bands = snapshot.wavelengths
-        if self.white != star and snapshot.is_broad:
+        mosaic, star = mosaic_of(self.record), self.roles.star
+        bands, is_broad = self.bands.wavelengths, self.bands.is_broad
+        if self.white != star and is_broad:
             raise UserError(
                 f"--white {self.white}: the snapshot is one photograph in broad light, in which a "
                 f"white sheet doesn't show its bands. Take the star: --white {star}."
@@ -272,8 +272,9 @@ class ProblemReader:
         if self.white != star:
             neutral = self.roles.neutral
             return response_from_sheet(self.record, self._brackets, self.white, neutral, bands)
-        if snapshot.is_broad:
+        if is_broad:
             gains = broad_gains(mosaic, bands)
         else:
-            gains = np.stack([band_gains(self.record, one) for one in snapshot.pictures], axis=1)
+            pictures = self.snapshot.pictures
+            gains = np.stack([band_gains(self.record, one) for one in pictures], axis=1)
         return response_from_star(mosaic, gains, psfs.light, star)

@@ -28,40 +28,20 @@ Picture = NDArray[np.float64]
 class CodedSnapshot:
     """A photograph of several bands at once through the coded pattern.
 
-    rate, variance: (rows, columns), electrons per second and pixel, and the variance of this rate.
+    rate: (rows, columns), electrons per second and pixel.
     clipped: (rows, columns), pixels that were clipped in every exposure of a band: there the light
         is at least `rate`.
-    wavelengths: bands in metres, rising.
+    noise: the pixels' rms noise from photons and readout alone, electrons per second; 0 if all
+        pixels are clipped.
     pictures: the photographs that were added, one for each band; a single one in broad light.
-    is_broad: whether it is one photograph in broad light.
+    source: what was photographed, and how, in words.
     """
 
     rate: Picture
-    variance: Picture
     clipped: NDArray[np.bool_]
-    wavelengths: tuple[float, ...]
+    noise: float
     pictures: tuple[Bracket, ...]
-    is_broad: bool
-
-    @property
-    def noise(self) -> float:
-        """Return the pixels' rms noise from photons and readout alone, electrons per second.
-
-        It is 0 if all pixels are clipped.
-        """
-        known = self.variance[~self.clipped]
-        return float(np.sqrt(known.mean())) if known.size else 0.0
-
-    @property
-    def source(self) -> str:
-        """Say in words what was photographed, and how."""
-        first = self.pictures[0]
-        if self.is_broad:
-            return f"{first.target}, {first.pattern}, one photograph in broad light"
-        return (
-            f"{first.target}, {first.pattern}, the sum of {len(self.pictures)} photographs in "
-            "narrow light"
-        )
+    source: str
 
 
 @dataclass(frozen=True)
@@ -143,13 +123,17 @@ def add_photographs(
         find_bracket(brackets, roles.photograph, roles.coded, one, path)
         for one in bands.photographed
     ]
+    clipped = np.any([~np.isfinite(one.variance) for one in parts], axis=0)
+    known = np.sum([one.variance for one in parts], axis=0)[~clipped]
+    how = f"the sum of {len(parts)} photographs in narrow light"
+    if bands.is_broad:
+        how = "one photograph in broad light"
     return CodedSnapshot(
         np.sum([one.rate for one in parts], axis=0),
-        np.sum([one.variance for one in parts], axis=0),
-        np.any([~np.isfinite(one.variance) for one in parts], axis=0),
-        bands.wavelengths,
+        clipped,
+        float(np.sqrt(known.mean())) if known.size else 0.0,
         tuple(parts),
-        bands.is_broad,
+        f"{parts[0].target}, {parts[0].pattern}, {how}",
     )
 
 

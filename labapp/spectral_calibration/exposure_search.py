@@ -31,8 +31,6 @@ _LEAST_LEVEL = 0.01  # of the brightest pixel, to derive an exposure: with 12 bi
 _MOST_ROUNDS = 4  # of trials; chosen: they cover exposures from microseconds to minutes
 _BRIGHT_PERCENTILE = 99.5  # of a white sheet's pixels; counts as its brightest, hot ones left out
 
-_TITLE = "Trial of the exposures of a spectral calibration"
-
 Exposures = dict[tuple[str, float], float]
 """Exposures in seconds by target and wavelength in nm."""
 
@@ -75,7 +73,8 @@ def find_exposures(
             return found
         part = progress.part(number / _MOST_ROUNDS, (number + 1) / _MOST_ROUNDS)
         path = folder / f"trial-{number + 1}.h5"
-        plan = trial_plan(_TITLE, request.neutral, wanted)
+        title = "Trial of the exposures of a spectral calibration"
+        plan = trial_plan(title, request.neutral, wanted)
         outcome = run_plan(
             bench, plan, path, Attendance(progress=part, ask=ask), source="trial", force=True
         )
