@@ -19,31 +19,25 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import Reconstruction
 from labapp.files.wavelengths import format_nanometres
 from labapp.pictures.analysis.brackets import WAVELENGTH_TOLERANCE, Bracket, find_bracket
+from labapp.pictures.analysis.colour_filters import described_filters
 from labapp.pictures.analysis.star_psf import bright_centroid, crop_centred
 from labapp.runs.record.reader import Record
-from labapp.spectral.band_response import mosaic_of, narrow_filters
-from labapp.spectral.band_selection import recorded_wavelengths
+from labapp.spectral.band_response import mosaic_of
+from labapp.spectral.snapshot import recorded_wavelengths
 from labapp.spectral.star_spot import StarSpot, fit_star_spot
 
 Picture = NDArray[np.float64]
 
+# Pixels from which a PSF is moved to its star's middle. Chosen: moving interpolates, which costs
+# sharpness, and stars through colour filters show no twentieth of a pixel.
 _LEAST_SHIFT = 0.05
-"""Distance in pixels between the middle of a star and that of a pixel, from which its PSF is moved.
-Chosen: moving interpolates, which costs sharpness, and a twentieth of a pixel is less than what
-stars through colour filters show."""
 
-_SIGNIFICANCE = 3.0
-"""Standard deviations from which a band's star counts as beside those of the other bands."""
+_SIGNIFICANCE = 3.0  # standard deviations from which a band's star counts as beside the others
+_MOST_SHARE = 1.25  # light of a coded star over the neutral one's that is still taken for noise
+_UNSURE = 0.5  # pixels; standard deviation of a star's place from which the user is told
+_MARGIN = 8  # pixels around a PSF's window that help to interpolate colours at its border
 
-_MOST_SHARE = 1.25
-"""Light of a coded star over that of the neutral one that is still taken for noise; a pattern can't
-add any."""
-
-_UNSURE = 0.5
-"""Standard deviation in pixels of a star's place from which the user is told."""
-
-_MARGIN = 8
-"""Pixels around the window of a PSF that help to interpolate the colours at its border."""
+SHIFT_NOTE = "a common shift of all PSFs only moves the cube; it can't be seen in the photograph"
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,18 +79,18 @@ class BandPSFs:
 def measure_band_psfs(
     record: Record, brackets: list[Bracket], roles: Reconstruction, wavelengths: Sequence[float]
 ) -> BandPSFs:
-    """Measure one PSF for each band on a record's star.
+    """Measure one PSF for each band (metres) on a record's star, from its merged pictures.
 
     Raises UserError if the star is missing or dark in a band, or much brighter coded than neutral.
-
-    brackets: merged pictures, those of the star among them.
-    roles: names of the star and the patterns, and the size of the window.
-    wavelengths: bands in metres.
     """
-    coded = [
-        find_bracket(brackets, roles.star, roles.coded, one, record.path) for one in wavelengths
-    ]
-    neutral = _neutral_stars(record, brackets, roles, wavelengths)
+
+    def stars(pattern: str) -> list[Bracket]:
+        path = record.path
+        return [find_bracket(brackets, roles.star, pattern, one, path) for one in wavelengths]
+
+    coded, neutral = stars(roles.coded), None
+    if roles.neutral != roles.coded and record.select(target=roles.star, pattern=roles.neutral):
+        neutral = stars(roles.neutral)
     gains = [_sensitivity(record, one) for one in coded]
     near = _brightest_pixel(neutral or coded, gains)
     spots: list[StarSpot | None] = [None] * len(coded)
@@ -106,12 +100,11 @@ def measure_band_psfs(
     places = star_places(spots, near)
     row, column = (round(float(one)) for one in places.mean(0))
     window = min(roles.psf_window_px, *coded[0].rate.shape)
-    psfs = np.stack(
-        [
-            _move(_cut_band(record, one, (row, column), window, spot), place - (row, column))
-            for one, spot, place in zip(coded, spots, places, strict=True)
-        ]
-    )
+    cut = [
+        _move(_cut_band(record, one, (row, column), window, spot), place - (row, column))
+        for one, spot, place in zip(coded, spots, places, strict=True)
+    ]
+    psfs = np.stack(cut)
     light = psfs.sum((1, 2))
     _require_light(record, light, wavelengths, roles.star)
     notes = tuple(_notes(roles, spots))
@@ -160,20 +153,9 @@ def require_star(record: Record, roles: Reconstruction, wavelengths: Sequence[fl
         )
 
 
-def _neutral_stars(
-    record: Record, brackets: list[Bracket], roles: Reconstruction, wavelengths: Sequence[float]
-) -> list[Bracket] | None:
-    """Return the star's merged neutral picture in each band; None if there are none at all."""
-    if roles.neutral == roles.coded or not record.select(target=roles.star, pattern=roles.neutral):
-        return None
-    return [
-        find_bracket(brackets, roles.star, roles.neutral, one, record.path) for one in wavelengths
-    ]
-
-
 def _sensitivity(record: Record, star: Bracket) -> Picture:
     """Return each pixel's sensitivity in the band of the star's picture, (rows, columns)."""
-    filters = narrow_filters(record, star)
+    filters = described_filters(record, star, is_grey=True)
     if filters is None:
         return np.ones(star.rate.shape)
     return filters.gains[filters.channel_map(star.rate.shape)]
@@ -198,7 +180,7 @@ def _cut_band(
     smaller than the distance between pixels of one colour. It is taken out before colours are
     interpolated, and put back then.
     """
-    filters = narrow_filters(record, star)
+    filters = described_filters(record, star, is_grey=True)
     if filters is None:
         return crop_centred(star.rate, pixel, window)
     core = np.zeros(star.rate.shape)
@@ -258,7 +240,7 @@ def _require_shares(
 
 def _notes(roles: Reconstruction, spots: Sequence[StarSpot | None]) -> list[str]:
     """Remark on how well the star gives the place of the PSFs."""
-    said = ["a common shift of all PSFs only moves the cube; it can't be seen in the photograph"]
+    said = [SHIFT_NOTE]
     if not any(spots):
         said.append(
             f"the star has no frames with the pattern {roles.neutral!r}: its place is that of the "

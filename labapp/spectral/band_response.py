@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.pictures.analysis.brackets import Bracket, find_bracket
-from labapp.pictures.analysis.colour_filters import ColourFilters, described_filters
+from labapp.pictures.analysis.colour_filters import described_filters
 from labapp.pictures.colour_matrix import white_balance
 from labapp.runs.record.reader import Record
 from optics.sensor import Mosaic
@@ -19,12 +19,11 @@ from optics.sensor import Mosaic
 MONO = "Y"
 """Letter that stands for all pixels of a sensor without colour filters."""
 
+# Light over the brightest band's from which a band can be restored. Chosen: 60 dB below, only noise
+# is left.
 _LEAST_SHARE = 1e-3
-"""Light of a band, over that of the brightest band, from which it can be restored. Chosen: sixty
-decibels below the brightest, only noise is left."""
 
-_CENTRAL_SHARE = 0.5
-"""Share of each side of a white sheet's picture over which its light is averaged."""
+_CENTRAL_SHARE = 0.5  # of each side of a white sheet's picture, over which its light is averaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,35 +54,22 @@ def mosaic_of(record: Record) -> Mosaic | None:
     return record.camera.sensor.colour
 
 
-def narrow_filters(record: Record, picture: Bracket) -> ColourFilters | None:
-    """Return the sensor's colour filters for a picture in light of one band; None without any.
-
-    The channels' sensitivities follow from the sensor's curves and the band's width, and the
-    largest is 1.
-    """
-    return described_filters(record, picture, True)
-
-
 def band_gains(record: Record, picture: Bracket) -> NDArray[np.float64]:
     """Return each channel's sensitivity in a picture's band, (channels,); the largest is 1."""
-    filters = narrow_filters(record, picture)
+    filters = described_filters(record, picture, is_grey=True)
     return np.ones(1) if filters is None else filters.gains
 
 
 def broad_gains(mosaic: Mosaic | None, wavelengths: Sequence[float]) -> NDArray[np.float64]:
     """Compute each channel's sensitivity to each band of broad light, (channels, bands), 0 to 1.
 
-    A band reaches halfway to the next ones. The largest sensitivity in each band is 1.
-
-    wavelengths: centres in metres, rising, two or more.
+    A band reaches from its centre (metres, rising) halfway to the next ones. The largest
+    sensitivity in each band is 1.
     """
     if mosaic is None:
         return np.ones((1, len(wavelengths)))
-    edges = band_edges(wavelengths)
-    return np.stack(
-        [white_balance(mosaic, None, (a, b)) for a, b in pairwise(edges)],
-        axis=1,
-    )
+    gains = [white_balance(mosaic, None, ends) for ends in pairwise(band_edges(wavelengths))]
+    return np.stack(gains, axis=1)
 
 
 def band_edges(wavelengths: Sequence[float]) -> list[float]:
@@ -95,25 +81,20 @@ def band_edges(wavelengths: Sequence[float]) -> list[float]:
 
 
 def response_from_star(
-    mosaic: Mosaic | None, gains: NDArray[np.float64], light: NDArray[np.float64], star: str
+    mosaic: Mosaic | None, gains: NDArray[np.float64], light: NDArray[np.float64] | None, star: str
 ) -> BandResponse:
     """Build the response of the bands from the light of the star, which counts as white.
 
     gains: (channels, bands), sensitivities, the largest of a band being 1.
-    light: (bands,), the star's light behind the filter that sees most of it, on any scale.
+    light: (bands,), the star's light behind the filter that sees most of it, on any scale. Where it
+        isn't known, white is taken to give the same in the brightest channel of each band.
     """
+    if light is None:
+        words = "taken to give the same in each band's brightest channel"
+        return BandResponse(*_layout(mosaic), gains, None, words)
     _require_light(light, f"the star {star!r}")
     shares = gains * (light / light.max())
     return BandResponse(*_layout(mosaic), shares, None, f"the light of the star {star!r}")
-
-
-def response_without_white(mosaic: Mosaic | None, gains: NDArray[np.float64]) -> BandResponse:
-    """Build the response of the bands where nothing white was recorded.
-
-    White is taken to give the same in the brightest channel of each band.
-    """
-    words = "taken to give the same in each band's brightest channel"
-    return BandResponse(*_layout(mosaic), gains, None, words)
 
 
 def response_from_sheet(
@@ -123,13 +104,10 @@ def response_from_sheet(
     neutral: str,
     wavelengths: Sequence[float],
 ) -> BandResponse:
-    """Build the response of the bands from pictures of a white sheet.
+    """Build the response of the bands (metres) from merged pictures of a white sheet.
 
-    Raises UserError if one of these is missing, dark or clipped.
-
-    brackets: merged pictures, those of the sheet among them.
-    sheet: target that is a white sheet, which fills the middle of the frame.
-    wavelengths: bands in metres.
+    The sheet fills the middle of the frame. Raises UserError if a picture is missing, dark or
+    clipped.
     """
     mosaic = mosaic_of(record)
     pictures = [find_bracket(brackets, sheet, neutral, one, record.path) for one in wavelengths]
@@ -149,10 +127,8 @@ def _layout(mosaic: Mosaic | None) -> tuple[tuple[str, ...], str]:
 
 def _channel_means(picture: Bracket, mosaic: Mosaic | None) -> NDArray[np.float64]:
     """Return each channel's mean light in the middle of a white sheet's picture, (channels,)."""
-    rows, columns = (
-        slice(round(n * (1 - _CENTRAL_SHARE) / 2), n - round(n * (1 - _CENTRAL_SHARE) / 2))
-        for n in picture.rate.shape
-    )
+    borders = (round(n * (1 - _CENTRAL_SHARE) / 2) for n in picture.rate.shape)
+    rows, columns = (slice(at, n - at) for at, n in zip(borders, picture.rate.shape, strict=True))
     if not np.isfinite(picture.variance[rows, columns]).all():
         raise UserError(
             f"{picture.name}: the white sheet is clipped in every exposure. Expose it shorter."

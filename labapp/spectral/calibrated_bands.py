@@ -16,7 +16,7 @@ from labapp.files.spectra_file import SpectraSource
 from labapp.files.wavelengths import list_nanometres
 from labapp.pictures.analysis.brackets import WAVELENGTH_TOLERANCE
 from labapp.runs.record.reader import Record
-from labapp.spectral.band_psfs import BandPSFs
+from labapp.spectral.band_psfs import SHIFT_NOTE, BandPSFs
 from labapp.spectral.band_response import BandResponse, band_edges, broad_gains, mosaic_of
 from labapp.spectral.snapshot_prior import (
     positive_response,
@@ -26,10 +26,7 @@ from labapp.spectral.snapshot_prior import (
 )
 from optics.multispectral import ModelUncertainty, SnapshotCalibration, SnapshotModel
 
-_PITCH_TOLERANCE = 1e-3
-"""Relative difference of two pitches that are taken for the same."""
-
-_SHIFT_NOTE = "a common shift of all PSFs only moves the cube; it can't be seen in the photograph"
+_PITCH_TOLERANCE = 1e-3  # relative difference of two pitches that are taken for the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,34 +87,27 @@ class CalibratedBands:
 def choose_calibrated_bands(
     source: SpectraSource, record: Record, coded: str, bands: Sequence[float], *, is_broad: bool
 ) -> CalibratedBands:
-    """Choose bands (metres) from a calibration, for the coded photograph of a record.
+    """Choose bands (metres) from a calibration, for a record's photograph with the pattern `coded`.
 
-    Raises UserError if the calibration is of another sensor, pattern or of other bands.
-
-    coded: name of the coded pattern.
-    is_broad: whether the snapshot is one photograph in broad light.
+    `is_broad` says whether it is one photograph in broad light. Raises UserError if the calibration
+    is of another sensor, pattern or of other bands.
     """
     _require_same_sensor(source, record)
     file, chosen = source.file, _band_numbers(source, bands)
     known = _select_bands(file.build(), chosen)
-    notes = [_SHIFT_NOTE]
     if hashlib.sha256(record.pattern(coded).tobytes()).hexdigest() != file.coded_sha256:
         raise UserError(
             f"--calibration {source.path}: is of another pattern than {coded!r} of {record.path}, "
             "grey level by grey level, whose PSFs may be others. Calibrate with the plan of this "
             "run: labapp calibrate --spectra --plan PLAN.toml."
         )
+    notes: tuple[str, ...] = (SHIFT_NOTE,)
     if is_broad:
         known, note = _in_broad_light(source, record, known, chosen, bands)
-        notes.append(note)
+        notes = (SHIFT_NOTE, note)
     shares = np.array([file.bands[one].light_share for one in chosen])
     words = f"{source.path}, {file.date:%Y-%m-%d}"
-    found = CalibratedBands(known, shares, not is_broad, words, tuple(notes))
-    if not is_broad:
-        return found
-    # In broad light, only the ratios of the bands are known.
-    scale = np.full(len(chosen), 1 / float(known.response.max()))
-    return replace(found, calibration=scale_bands(known, scale))
+    return CalibratedBands(known, shares, not is_broad, words, notes)
 
 
 def _require_same_sensor(source: SpectraSource, record: Record) -> None:
@@ -154,10 +144,11 @@ def _band_numbers(source: SpectraSource, bands: Sequence[float]) -> list[int]:
 def _select_bands(known: SnapshotCalibration, chosen: list[int]) -> SnapshotCalibration:
     """Keep only the chosen bands of a calibration, with their part of the covariance."""
     model, layout, at = known.model, known.model.layout, torch.tensor(chosen)
+    every = torch.arange(layout.count)
     places = torch.cat([
-        torch.arange(layout.count)[layout.zeroth_orders][at],
+        every[layout.zeroth_orders][at],
         torch.tensor([layout.scale]),
-        *(one[at] for one in torch.arange(layout.count)[layout.centres].reshape(2, -1)),
+        *(one[at] for one in every[layout.centres].reshape(2, -1)),
         *(one[at] for one in layout.ratio_places),
     ])  # fmt: skip
     part = SnapshotModel(
@@ -182,22 +173,21 @@ def _in_broad_light(
     """Adapt a calibration to one photograph in broad light, and return it with a remark.
 
     A band reaches halfway to the next ones. The light of white is taken to be that through the
-    narrow filter over the filter's transmission, if it was measured.
+    narrow filter over the filter's transmission, if it was measured. Only the bands' ratios count.
     """
     gains = positive_response(broad_gains(mosaic_of(record), bands))
     levels = known.model.response.sum(0).numpy() * np.diff(band_edges(bands))
     tables = source.file.transmission
     passed = [tables[one].relative for one in chosen] if tables else [None]
     if None in passed:
-        note = (
-            "the snapshot is in broad light: the levels of its bands are those of the white sheet "
-            "through the narrow filter, whose transmission the calibration doesn't know"
-        )
+        over = "whose transmission the calibration doesn't know"
     else:
         levels = levels / np.array(passed, dtype=np.float64)
-        note = (
-            "the snapshot is in broad light: the levels of its bands are those of the white sheet "
-            "through the narrow filter, over its measured transmission"
-        )
+        over = "over its measured transmission"
     response = torch.from_numpy(gains / gains.sum(0) * levels)
-    return replace(known, model=replace(known.model, response=response)), note
+    known = replace(known, model=replace(known.model, response=response))
+    note = (
+        "the snapshot is in broad light: the levels of its bands are those of the white sheet "
+        f"through the narrow filter, {over}"
+    )
+    return scale_bands(known, np.full(len(chosen), 1 / float(known.response.max()))), note

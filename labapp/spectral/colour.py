@@ -25,24 +25,32 @@ from labapp.files.cubes import SpectralCube
 from labapp.spectral.lights import ViewingLight
 from optics.light import Spectrum
 
-_VISIBLE_NM = np.arange(380.0, 781.0)
-"""Wavelengths in nanometres that a colour is summed over: CIE 15's range in steps of 1 nm."""
+_VISIBLE_NM = np.arange(380.0, 781.0)  # summed over for a colour: CIE 15's range, steps of 1 nm
 
-_OBSERVER = "CIE 1931 2 Degree Standard Observer"
-
-_SPRAGUE_BANDS = 6
-"""Fewest evenly spaced bands for which Sprague's polynomials are defined."""
+_SPRAGUE_BANDS = 6  # fewest evenly spaced bands for which Sprague's polynomials are defined
 
 
+@lru_cache(maxsize=16)
 def xyz_matrix(wavelengths: tuple[float, ...], light: Spectrum) -> NDArray[np.float64]:
-    """Compute the matrix (3, bands) from reflectances in bands to XYZ; white has Y = 1.
+    """Compute the matrix (3, bands) from reflectances in bands (metres, rising) to XYZ.
 
-    White is 1 in all bands. Raises UserError if no band is visible, or the light is dark from 380
-    to 780 nm.
-
-    wavelengths: metres, rising.
+    White is 1 in all bands, and has Y = 1. Raises UserError if no band is visible, or the light is
+    dark from 380 to 780 nm.
     """
-    return _cached_xyz_matrix(tuple(wavelengths), light)
+    nm = 1e9 * np.array(wavelengths)
+    if nm[-1] < _VISIBLE_NM[0] or nm[0] > _VISIBLE_NM[-1]:
+        raise UserError(
+            f"bands of {nm[0]:g} to {nm[-1]:g} nm are invisible and have no colour. Leave the "
+            "colours out"
+        )
+    table = colour_library().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    observer = np.array([np.interp(_VISIBLE_NM, table.wavelengths, one) for one in table.values.T])
+    observer = observer * light.at(_VISIBLE_NM / 1e9)
+    if not observer[1].sum() > 0:
+        raise UserError("the light is dark from 380 to 780 nm. Take one that is visible")
+    found: NDArray[np.float64] = observer @ _interpolation_matrix(wavelengths) / observer[1].sum()
+    found.flags.writeable = False
+    return found
 
 
 def cube_to_xyz(cube: SpectralCube, light: ViewingLight) -> NDArray[np.float64]:
@@ -104,23 +112,6 @@ def _has_sprague(wavelengths: tuple[float, ...]) -> bool:
     )
 
 
-@lru_cache(maxsize=16)
-def _cached_xyz_matrix(wavelengths: tuple[float, ...], light: Spectrum) -> NDArray[np.float64]:
-    nm = 1e9 * np.array(wavelengths)
-    if nm[-1] < _VISIBLE_NM[0] or nm[0] > _VISIBLE_NM[-1]:
-        raise UserError(
-            f"bands of {nm[0]:g} to {nm[-1]:g} nm are invisible and have no colour. Leave the "
-            "colours out"
-        )
-    power = light.at(_VISIBLE_NM / 1e9)
-    observer = _observer_functions() * power
-    if not observer[1].sum() > 0:
-        raise UserError("the light is dark from 380 to 780 nm. Take one that is visible")
-    found: NDArray[np.float64] = observer @ _interpolation_matrix(wavelengths) / observer[1].sum()
-    found.flags.writeable = False
-    return found
-
-
 def _interpolation_matrix(wavelengths: tuple[float, ...]) -> NDArray[np.float64]:
     """Compute the matrix from bands to every visible nanometre, (401, bands)."""
     nm = np.round(1e9 * np.array(wavelengths), 6)
@@ -134,12 +125,6 @@ def _interpolation_matrix(wavelengths: tuple[float, ...]) -> NDArray[np.float64]
         sprague = colour_library().SpragueInterpolator
         return np.stack([sprague(even, unit)(inside) for unit in units], axis=1)
     return np.stack([np.interp(inside, nm, unit) for unit in units], axis=1)
-
-
-def _observer_functions() -> NDArray[np.float64]:
-    """Return the colour-matching functions at every visible nanometre, (3, 401)."""
-    table = colour_library().MSDS_CMFS[_OBSERVER]
-    return np.array([np.interp(_VISIBLE_NM, table.wavelengths, one) for one in table.values.T])
 
 
 def _white_xyz(wavelengths: tuple[float, ...], light: ViewingLight) -> NDArray[np.float64]:

@@ -24,14 +24,12 @@ from optics.sensor import Mosaic
 
 Picture = NDArray[np.float64]
 
-_CHART_ROWS, _CHART_COLUMNS = 4, 6
-"""Patches of a ColorChecker."""
+_CHART_ROWS, _CHART_COLUMNS = 4, 6  # patches of a ColorChecker
 
+# Width of the chart's black frame between two patches, over their distance; chosen.
 _FRAME_SHARE = 0.16
-"""Width of the chart's black frame between two patches, relative to their distance; chosen."""
 
-_BLACK = 0.03
-"""Reflectance of the chart's black frame, about that of its darkest patch; chosen."""
+_BLACK = 0.03  # reflectance of the chart's black frame, about that of its darkest patch; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +44,7 @@ class ComputedSnapshot:
     observation: MosaicObservation
 
     def band_levels(self, bands: NDArray[np.floating]) -> tuple[float, ...]:
-        """Return each restored band's PSNR in dB; the peak is white.
-
-        Bands are clipped to 0 to 1 first.
-        """
+        """Return the PSNR in dB (peak 1) of each restored band, clipped to 0 to 1."""
         shown = np.clip(np.asarray(bands, dtype=np.float64), 0, 1)
         return tuple(psnr(one, wanted) for one, wanted in zip(shown, self.truth, strict=True))
 
@@ -71,9 +66,8 @@ def compute_snapshot(
 
     Raises ValueError if no filter sees one of the bands, or PSFs and cube don't fit together.
 
-    truth: (bands, rows, columns), shares of white.
+    truth: (bands, rows, columns), shares of white, in bands at `wavelengths` (metres).
     psfs: (bands, rows, columns), origin at n // 2.
-    wavelengths: bands in metres.
     noise: standard deviation of a pixel's Gaussian noise, relative to white; 0 or more.
     """
     shares = filter_shares(mosaic, wavelengths)

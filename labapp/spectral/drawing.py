@@ -18,28 +18,27 @@ from labapp.files.wavelengths import format_nanometres
 from labapp.files.writing import encode_image
 from labapp.spectral.colour import cube_to_linear_srgb
 from labapp.spectral.lights import ViewingLight
-from labapp.spectral.problem import WHITE_PERCENTILE, SpectralProblem
+from labapp.spectral.problem import WHITE_PERCENTILE
 from labapp.spectral.restoration import RestoredCube
 
 MOST_BANDS = 8
-"""Most bands that a drawing shows side by side; of more, evenly spaced ones."""
+"""Most bands that a drawing shows side by side."""
 
-_TITLE_WIDTH = 150
-"""Characters of a line of the title."""
+_TITLE_WIDTH = 150  # characters of a line of the title
 
+# Share of a PSF's light that is drawn, and least pixels from its middle.
 _DRAWN_SHARE, _LEAST_REACH = 0.97, 8
-"""Share of a PSF's light that is drawn, and least number of pixels from its middle."""
 
-_DECADES = 3
-"""Powers of ten below its peak that a PSF is drawn over."""
+_DECADES = 3  # powers of ten below its peak that a PSF is drawn over
 
 
-def draw_snapshot(problem: SpectralProblem, restored: RestoredCube, light: ViewingLight) -> bytes:
+def draw_snapshot(restored: RestoredCube, light: ViewingLight) -> bytes:
     """Draw a snapshot and the cube restored from it, and return the bytes of a PNG.
 
     Above are the snapshot and the cube's colours in a light, below each band with its PSF. Where
     the true cube is known, it is drawn beside them.
     """
+    problem = restored.problem
     shown = shown_bands(len(problem.wavelengths))
     rows = 2 if restored.truth is None else 3
     width = max(2.0 * len(shown), 11.0)
@@ -47,8 +46,8 @@ def draw_snapshot(problem: SpectralProblem, restored: RestoredCube, light: Viewi
     title = f"{problem.source}: {restored.image.method}, {restored.verdict}"
     figure.suptitle(textwrap.fill(title, _TITLE_WIDTH), fontsize=10)
     parts = figure.subfigures(2, 1, height_ratios=[4.2, 2.2 * rows], squeeze=False)
-    _draw_colours(parts[0, 0], problem, restored, light)
-    _draw_bands(parts[1, 0], problem, restored, shown)
+    _draw_colours(parts[0, 0], restored, light)
+    _draw_bands(parts[1, 0], restored, shown)
     return figure_to_png(figure)
 
 
@@ -66,19 +65,15 @@ def srgb_levels(cube: SpectralCube, light: ViewingLight) -> NDArray[np.uint8]:
 
 
 def shown_bands(count: int) -> list[int]:
-    """Return which bands are drawn: all, or evenly spaced ones."""
-    chosen: list[int] = np.unique(
-        np.linspace(0, count - 1, min(count, MOST_BANDS)).round()
-    ).tolist()
+    """Return which bands are drawn: all, or `MOST_BANDS` evenly spaced ones."""
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_BANDS)).round())
     return [int(one) for one in chosen]
 
 
-def _draw_colours(
-    figure: SubFigure, problem: SpectralProblem, restored: RestoredCube, light: ViewingLight
-) -> None:
+def _draw_colours(figure: SubFigure, restored: RestoredCube, light: ViewingLight) -> None:
     """Draw the photograph's bare pixels, and the colours of restored and true cube."""
     axes = figure.subplots(1, 3)
-    rate = np.nan_to_num(problem.rate)
+    rate = np.nan_to_num(restored.problem.rate)
     bright = float(np.percentile(rate, WHITE_PERCENTILE))
     axes[0].imshow(encode_srgb(rate / max(bright, 1e-300)), cmap="gray", vmin=0, vmax=255)
     _strip_ticks(axes[0], "Snapshot, bare pixels")
@@ -96,20 +91,22 @@ def _draw_colours(
     figure.colorbar(drawn, ax=axes[2], shrink=0.85, pad=0.02)
 
 
-def _draw_bands(
-    figure: SubFigure, problem: SpectralProblem, restored: RestoredCube, shown: list[int]
-) -> None:
+def _draw_bands(figure: SubFigure, restored: RestoredCube, shown: list[int]) -> None:
     """Draw restored bands, true bands and PSFs, a column for each band."""
-    rows = 2 if restored.truth is None else 3
-    axes = figure.subplots(rows, len(shown), squeeze=False)
-    reach = _reach(problem.psfs)
+    problem = restored.problem
+    axes = figure.subplots(2 if restored.truth is None else 3, len(shown), squeeze=False)
+    reach = reach_of_light(problem.psfs, _DRAWN_SHARE)
     for column, band in zip(axes.T, shown, strict=True):
         name = format_nanometres(problem.wavelengths[band])
         level = "" if restored.scores is None else f"\n{restored.scores.bands[band].psnr:.1f} dB"
         _draw_band(column[0], restored.cube.values[band], f"{name}{level}")
         if restored.truth is not None:
             _draw_band(column[1], restored.truth.values[band], "true")
-        _draw_psf(column[-1], _middle(problem.psfs[band], reach))
+        psf = cut_middle(problem.psfs[band], reach)
+        peak = float(psf.max())
+        least = peak * 10.0**-_DECADES
+        column[-1].imshow(np.maximum(psf, least), cmap="magma", norm=LogNorm(least, peak))
+        _strip_ticks(column[-1], f"PSF, {len(psf)} pixels, {_DECADES} decades")
 
 
 def _draw_band(axes: Axes, band: NDArray[np.float32], title: str) -> None:
@@ -117,28 +114,19 @@ def _draw_band(axes: Axes, band: NDArray[np.float32], title: str) -> None:
     _strip_ticks(axes, title)
 
 
-def _reach(psfs: NDArray[np.float64]) -> int:
-    """Return within how many pixels of its middle each PSF has most of its light."""
+def reach_of_light(psfs: NDArray[np.float64], share: float) -> int:
+    """Return within how many pixels of its middle each PSF has a share of its light."""
     side = min(psfs.shape[1:]) // 2
     for reach in range(min(_LEAST_REACH, side), side):
-        inside = [_middle(one, reach).sum() >= _DRAWN_SHARE * one.sum() for one in psfs]
-        if all(inside):
+        if all(cut_middle(one, reach).sum() >= share * one.sum() for one in psfs):
             return reach
     return side
 
 
-def _middle(psf: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+def cut_middle(psf: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
     """Return the part of a PSF within some pixels from its origin, n // 2."""
     rows, columns = (slice(max(n // 2 - reach, 0), n // 2 + reach + 1) for n in psf.shape)
     return psf[rows, columns]
-
-
-def _draw_psf(axes: Axes, psf: NDArray[np.float64]) -> None:
-    """Draw a band's PSF on a logarithmic scale."""
-    peak = float(psf.max())
-    least = peak * 10.0**-_DECADES
-    axes.imshow(np.maximum(psf, least), cmap="magma", norm=LogNorm(least, peak))
-    _strip_ticks(axes, f"PSF, {len(psf)} pixels, {_DECADES} decades")
 
 
 def _strip_ticks(axes: Axes, title: str) -> None:

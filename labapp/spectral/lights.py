@@ -10,8 +10,6 @@ from labapp.common.errors import UserError, suggest_spelling
 from labapp.files.spectrum_file import read_spectrum
 from optics.light import Spectrum
 
-_USUAL = "D65 (daylight), D50, A (halogen lamps), E (equal energy)"
-
 
 @dataclass(frozen=True)
 class ViewingLight:
@@ -22,23 +20,10 @@ class ViewingLight:
 
 
 def find_light(name: str) -> ViewingLight:
-    """Find the light in which colours are to be shown.
+    """Find the light in which colours are to be shown; UserError if there is none of that name.
 
-    Parameters
-    ----------
-    name : str
-        Name of a CIE illuminant, such as D65 or A, or the path of a CSV file with wavelengths in
+    name: of a CIE illuminant, such as D65 or A, or the path of a CSV file with wavelengths in
         nanometres and power.
-
-    Returns
-    -------
-    ViewingLight
-        The light with its spectrum.
-
-    Raises
-    ------
-    UserError
-        If there is neither such an illuminant nor such a file, or the file is no spectrum.
     """
     known = colour_library().SDS_ILLUMINANTS
     if name in known:
@@ -50,6 +35,6 @@ def find_light(name: str) -> ViewingLight:
         return ViewingLight(path.stem, read_spectrum(path))
     raise UserError(
         f"--light {name}: is neither a CIE illuminant nor a file. "
-        f"{suggest_spelling(name, list(known))}Take {_USUAL}, or a CSV file of wavelengths in nm "
-        "and power."
+        f"{suggest_spelling(name, list(known))}Take D65 (daylight), D50, A (halogen lamps), E "
+        "(equal energy), or a CSV file of wavelengths in nm and power."
     )

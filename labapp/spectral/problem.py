@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,7 +42,6 @@ class SpectralProblem:
     truth_source: where they are from, in words.
     given_truth: true cube from a file, in shares of white, in the place of `truth`.
     pitch: distance in metres between pixels.
-    light: name of the light on the scene; empty if it isn't known.
     prior: what is known of the camera before the photograph refines it; None if it doesn't. Its
         response includes the share of the light that the PSFs pass.
     notes: remarks for the user.
@@ -62,9 +61,8 @@ class SpectralProblem:
     truth_source: str = ""
     given_truth: SpectralCube | None = None
     pitch: float | None = None
-    light: str = ""
     prior: SnapshotCalibration | None = None
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     @property
     def dead_pixels(self) -> NDArray[np.bool_]:
@@ -96,9 +94,8 @@ class SpectralProblem:
     def white_level(self, restored: NDArray[np.floating]) -> float:
         """Return the light in electrons per second that is white in all restored bands.
 
-        It is that of the white sheet if there was one. Otherwise the brightest pixels of the true
-        bands count as white, or those of the restored bands, (bands, rows, columns), if the truth
-        isn't known.
+        Without a white sheet, the brightest pixels of the true bands count as white, or those of
+        the restored ones, (bands, rows, columns), if the truth isn't known.
         """
         if self.response.white is not None:
             return self.response.white
@@ -122,14 +119,12 @@ class SpectralProblem:
     ) -> SpectralCube:
         """Return bands, (bands, rows, columns), as a cube in shares of white.
 
-        `bands` and the half width `error` of their intervals, if it is known, are in electrons per
-        second, and white gives `white` in all bands.
+        They, the half width `error` of their intervals and `white` are in electrons per second.
         """
         return SpectralCube(
             (bands / white).astype(np.float32),
             self.wavelengths,
             SHARE_OF_WHITE,
-            light=self.light,
             pitch=self.pitch,
             description=description,
             error=None if error is None else (error / white).astype(np.float32),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,35 +25,50 @@ from labapp.spectral.band_response import (
     mosaic_of,
     response_from_sheet,
     response_from_star,
-    response_without_white,
 )
-from labapp.spectral.band_selection import recorded_wavelengths, sensor_pitch
 from labapp.spectral.calibrated_bands import CalibratedBands, choose_calibrated_bands
 from labapp.spectral.neutral_stack import coded_light_share, find_stack, separate_neutral_bands
 from labapp.spectral.other_files import (
+    is_cube,
     measure_psfs_of_record,
     neutral_stack_of_record,
+    read_psf_stack,
     read_true_cube,
 )
 from labapp.spectral.problem import SpectralProblem
-from labapp.spectral.psf_stack import is_cube, read_psf_stack
-from labapp.spectral.remarks import remarks_on
-from labapp.spectral.snapshot import CodedSnapshot, SnapshotBands, add_photographs, choose_bands
+from labapp.spectral.snapshot import (
+    CodedSnapshot,
+    SnapshotBands,
+    add_photographs,
+    choose_bands,
+    recorded_wavelengths,
+)
 from labapp.spectral.snapshot_prior import prior_of_run, require_filters
 from optics.inverse.blur import Border
-from optics.multispectral import SnapshotCalibration
 from optics.progress import Progress
 
-_MERGING_SHARE = 0.8
-"""Share of the progress that merging takes; PSFs and true bands take the rest."""
+_MERGING_SHARE = 0.8  # of the progress; PSFs and true bands take the rest
+
+_MONO_NOTE = (
+    "the sensor has no colour filters: bands are told apart by their PSFs alone, which is poor. A "
+    "sensor with colour filters shows more"
+)
+
+_SHARE_NOTE = (
+    "the share of the light that the coded pattern passes isn't known: bands may be some percent "
+    "darker than they are. Neutral photographs at all bands show it"
+)
+
+_BROAD_NOTE = (
+    "the snapshot is in broad light: the levels of its bands are those that the star has through "
+    "the narrow filter, whose transmission they include"
+)
 
 
 @dataclass(frozen=True, eq=False)
 class ProblemReader:
-    """Reads the snapshot of a record, its PSFs, response and truth.
+    """Reads the snapshot of an open record, its PSFs, response and truth.
 
-    record: open.
-    roles: names of photograph, star and patterns.
     white: target that counts as white: the star, or a white sheet.
     wanted: bands in metres, rising; None for all.
     psf: file with the PSFs; None for the record's star.
@@ -77,30 +91,32 @@ class ProblemReader:
         `noise` is in electrons per second and pixel; None to estimate it.
         """
         # What can be refused without a picture is refused before the pictures are merged.
-        self._require_psfs()
+        if self.refines:
+            require_filters("--refine", mosaic_of(self.record))
+        if self.calibration is None and self.psf is None:
+            require_star(self.record, self.roles, self.bands.wavelengths)
+        _ = self._calibrated_bands, self._psf_stack
         snapshot = self.snapshot
         self.progress.report(_MERGING_SHARE, "PSFs of the bands")
-        psfs = self._band_psfs()
+        psfs, psf_source = self._band_psfs()
         response = self._response(psfs)
-        is_calibrated = self._calibrated_bands is not None
-        knows_share = is_calibrated or psfs.knows_share or self._light_share is not None
-        remarks = remarks_on(
-            snapshot, self.record, knows_share=knows_share, is_calibrated=is_calibrated
-        )
+        prior, calibrated = None, self._calibrated_bands
+        if self.refines:
+            prior = calibrated.prior if calibrated else prior_of_run(psfs, response)
         return SpectralProblem(
             np.where(self._dead, np.nan, snapshot.rate),
             snapshot.clipped & ~self._dead,
-            snapshot.wavelengths,
+            self.bands.wavelengths,
             psfs.psfs,
             response,
             snapshot.noise,
             f"{self.record.path}, {snapshot.source}",
-            self._psf_source(),
+            psf_source,
             noise,
             border,
-            pitch=sensor_pitch(self.record),
-            prior=self._prior(psfs, response),
-            notes=(*psfs.notes, *remarks),
+            pitch=self.record.camera.sensor.pitch,
+            prior=prior,
+            notes=(*psfs.notes, *self._remarks(psfs.knows_share)),
         )
 
     def add_truth(self, problem: SpectralProblem, path: Path | None) -> SpectralProblem:
@@ -110,13 +126,34 @@ class ProblemReader:
             truth = read_true_cube(path, problem.wavelengths)
             return replace(problem, given_truth=truth, notes=(*problem.notes, *truth.notes))
         if path is not None:
-            shape = problem.rate.shape
             with Record(path) as other:
-                stack = neutral_stack_of_record(other, self.roles, problem.wavelengths, shape)
-                return self._with_true_bands(problem, other, stack)
-        if not self._neutral:
+                stack = neutral_stack_of_record(
+                    other, self.roles, problem.wavelengths, problem.rate.shape
+                )
+                bands, own = separate_neutral_bands(other, stack, self._dead), str(other.path)
+        elif self._neutral:
+            bands = separate_neutral_bands(self.record, self._neutral, self._dead)
+            own = "the same run"
+        else:
             return problem
-        return self._with_true_bands(problem, self.record, self._neutral)
+        words = f"the neutral photographs of {own}, {self.roles.photograph}, {self.roles.neutral}"
+        return replace(problem, truth=bands, truth_source=words)
+
+    def _remarks(self, psfs_know_share: bool) -> list[str]:
+        """Say what limits the bands; a calibration has remarks of its own on the last two."""
+        said = [] if mosaic_of(self.record) is not None else [_MONO_NOTE]
+        pictures = self.snapshot.pictures
+        if lacking := sum(one.dark_frames == 0 for one in pictures):
+            said.append(
+                f"{lacking} of {len(pictures)} photographs have no dark frames of their exposures: "
+                'the sensor\'s black level is subtracted. Add { role = "dark", frames = 4 } to the '
+                "plan"
+            )
+        if self.calibration is not None:
+            return said
+        if not psfs_know_share and self._light_share is None:
+            said.append(_SHARE_NOTE)
+        return [*said, _BROAD_NOTE] if self.bands.is_broad else said
 
     @cached_property
     def bands(self) -> SnapshotBands:
@@ -139,11 +176,8 @@ class ProblemReader:
     @cached_property
     def _neutral(self) -> list[Bracket]:
         """Find the neutral photographs of all bands; none if one is missing."""
-        if self.roles.neutral == self.roles.coded:
-            return []
-        photograph, neutral = self.roles.photograph, self.roles.neutral
-        bands = self.bands.wavelengths
-        return find_stack(self._brackets, photograph, neutral, bands) or []
+        roles = self.roles
+        return [] if roles.neutral == roles.coded else self._stack(roles.photograph, roles.neutral)
 
     @cached_property
     def _dead(self) -> NDArray[np.bool_]:
@@ -154,35 +188,36 @@ class ProblemReader:
 
     def _bands_with_psfs(self) -> tuple[float, ...]:
         """Return the wavelengths in metres at which the record or a file has PSFs."""
-        star, coded = self.roles.star, self.roles.coded
+        roles = self.roles
         if self.calibration is not None:
             return self.calibration.file.wavelengths
         if self.psf is None:
-            return recorded_wavelengths(self.record, star, coded)
+            return recorded_wavelengths(self.record, roles.star, roles.coded)
         if is_cube(self.psf):
             return read_cube(self.psf).wavelengths
         if is_record(self.psf):
             with Record(self.psf) as other:
-                return recorded_wavelengths(other, star, coded)
+                return recorded_wavelengths(other, roles.star, roles.coded)
         return self.wanted or ()
 
-    def _band_psfs(self) -> BandPSFs:
-        """Return the PSFs of the bands, from the record's star, a calibration or a file.
+    def _band_psfs(self) -> tuple[BandPSFs, str]:
+        """Return the PSFs of the bands, and in words where they are from.
 
         The star's light is only known from the record's own.
         """
-        bands, path = self.bands.wavelengths, self.psf
+        bands, star = self.bands.wavelengths, self.roles.star
         if self._calibrated_bands is not None:
-            return self._calibrated_bands.psfs
-        if path is None:
+            return self._calibrated_bands.psfs, self._calibrated_bands.source
+        if self.psf is None:
             found = measure_band_psfs(self.record, self._brackets, self.roles, bands)
-            return found.with_light_share(self._light_share)
-        if self._psf_stack is not None:
+            source = f"star {star!r} of the same run, in each band"
+        elif self._psf_stack is not None:
             values = self._psf_stack.values.astype(np.float64)
-            found = BandPSFs(values, None, notes=self._psf_stack.notes)
-            return found.with_light_share(self._light_share)
-        found = measure_psfs_of_record(path, self.roles, bands, self.record)
-        return replace(found, light=None).with_unit_sums().with_light_share(self._light_share)
+            found, source = BandPSFs(values, None, notes=self._psf_stack.notes), str(self.psf)
+        else:
+            found = measure_psfs_of_record(self.psf, self.roles, bands, self.record)
+            source = f"star {star!r} of {self.psf}, in each band"
+        return found.with_light_share(self._light_share), source
 
     @cached_property
     def _calibrated_bands(self) -> CalibratedBands | None:
@@ -194,13 +229,6 @@ class ProblemReader:
             self.calibration, self.record, coded, bands.wavelengths, is_broad=bands.is_broad
         )
 
-    def _prior(self, psfs: BandPSFs, response: BandResponse) -> SnapshotCalibration | None:
-        """Return what is known of the camera, if the photograph shall refine it."""
-        if not self.refines:
-            return None
-        calibrated = self._calibrated_bands
-        return calibrated.prior if calibrated else prior_of_run(psfs, response)
-
     @cached_property
     def _psf_stack(self) -> SpectralCube | None:
         """Read the PSFs of the bands from a file, with remarks; None if from a star."""
@@ -208,18 +236,7 @@ class ProblemReader:
             return None
         known = self.wanted is not None or is_cube(self.psf)
         wavelengths = self.bands.wavelengths if known else None
-        return read_psf_stack(self.psf, wavelengths, sensor_pitch(self.record))
-
-    def _require_psfs(self) -> None:
-        """Raise UserError if a band has no star, and no PSF in a file."""
-        if self.refines:
-            require_filters("--refine", mosaic_of(self.record))
-        if self.calibration is not None:
-            _ = self._calibrated_bands
-        elif self.psf is None:
-            require_star(self.record, self.roles, self.bands.wavelengths)
-        else:
-            _ = self._psf_stack
+        return read_psf_stack(self.psf, wavelengths, self.record.camera.sensor.pitch)
 
     @cached_property
     def _light_share(self) -> NDArray[np.float64] | None:
@@ -228,55 +245,36 @@ class ProblemReader:
         The white sheet shows it, or the photographs; None where neither was recorded with both
         patterns.
         """
-        bands, roles = self.bands.wavelengths, self.roles
+        roles = self.roles
         for target in (self.white, roles.photograph):
             if target == roles.star or roles.neutral == roles.coded:
                 continue
-            pair = [
-                find_stack(self._brackets, target, pattern, bands)
-                for pattern in (roles.coded, roles.neutral)
-            ]
-            if pair[0] and pair[1]:
-                return coded_light_share(pair[0], pair[1])
+            coded, neutral = (self._stack(target, one) for one in (roles.coded, roles.neutral))
+            if coded and neutral:
+                return coded_light_share(coded, neutral)
         return None
 
-    def _psf_source(self) -> str:
-        """Say in words where the PSFs are from."""
-        if self._calibrated_bands is not None:
-            return self._calibrated_bands.source
-        if self.psf is None:
-            return f"star {self.roles.star!r} of the same run, in each band"
-        if is_record(self.psf) and not is_cube(self.psf):
-            return f"star {self.roles.star!r} of {self.psf}, in each band"
-        return str(self.psf)
+    def _stack(self, target: str, pattern: str) -> list[Bracket]:
+        """Find the pictures of a target with a pattern in all bands; none if one is missing."""
+        return find_stack(self._brackets, target, pattern, self.bands.wavelengths)
 
     def _response(self, psfs: BandPSFs) -> BandResponse:
         """Return what white gives in each band behind each filter."""
         if self._calibrated_bands is not None:
             return self._calibrated_bands.response
-        snapshot, mosaic = self.snapshot, mosaic_of(self.record)
-        bands = snapshot.wavelengths
-        if self.white != self.roles.star and snapshot.is_broad:
+        mosaic, star = mosaic_of(self.record), self.roles.star
+        bands, is_broad = self.bands.wavelengths, self.bands.is_broad
+        if self.white != star and is_broad:
             raise UserError(
                 f"--white {self.white}: the snapshot is one photograph in broad light, in which a "
-                f"white sheet doesn't show its bands. Take the star: --white {self.roles.star}."
+                f"white sheet doesn't show its bands. Take the star: --white {star}."
             )
-        if self.white != self.roles.star:
+        if self.white != star:
             neutral = self.roles.neutral
             return response_from_sheet(self.record, self._brackets, self.white, neutral, bands)
-        if snapshot.is_broad:
+        if is_broad:
             gains = broad_gains(mosaic, bands)
         else:
-            gains = np.stack([band_gains(self.record, one) for one in snapshot.pictures], axis=1)
-        if psfs.light is None:
-            return response_without_white(mosaic, gains)
-        return response_from_star(mosaic, gains, psfs.light, self.roles.star)
-
-    def _with_true_bands(
-        self, problem: SpectralProblem, record: Record, stack: Sequence[Bracket]
-    ) -> SpectralProblem:
-        """Add true bands from the neutral photographs of a record."""
-        own = "the same run" if record is self.record else str(record.path)
-        words = f"the neutral photographs of {own}, {self.roles.photograph}, {self.roles.neutral}"
-        bands = separate_neutral_bands(record, stack, self._dead)
-        return replace(problem, truth=bands, truth_source=words)
+            pictures = self.snapshot.pictures
+            gains = np.stack([band_gains(self.record, one) for one in pictures], axis=1)
+        return response_from_star(mosaic, gains, psfs.light, star)

@@ -10,9 +10,9 @@ from labapp.common.errors import UserError
 from labapp.files.spectra_file import read_spectra_file
 from labapp.pictures.reconstructing.recorded_photograph import is_record
 from labapp.runs.record.reader import Record
+from labapp.spectral.other_files import is_cube
 from labapp.spectral.problem import SpectralProblem
 from labapp.spectral.problem_reader import ProblemReader
-from labapp.spectral.psf_stack import is_cube
 from labapp.spectral.roles import choose_roles, white_target
 from optics.inverse.blur import BORDERS, Border
 from optics.progress import Progress

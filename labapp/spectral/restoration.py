@@ -21,8 +21,7 @@ from optics.multispectral import SnapshotCalibration, estimate_error_map, restor
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_RESTORING_SHARE = 0.85
-"""Share of the progress that the restoration takes; scores and colours take the rest."""
+_RESTORING_SHARE = 0.85  # of the progress; scores and colours take the rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,44 +116,27 @@ def restore_snapshot(
         found = restore_spectra(problem.observation, spectra, weight=weight, progress=part)
     bands = torch.as_tensor(found.image).numpy()
     white = problem.white_level(bands)
-    errors, doubts = _estimate_errors(problem, found)
+    half_width, doubts = None, ""
+    if bands.max() > 0:
+        labels = [format_nanometres(one) for one in problem.wavelengths]
+        errors = estimate_error_map(problem.observation, found, problem.spectra, labels=labels)
+        half_width, doubts = torch.as_tensor(errors.half_width).numpy(), errors.message
     words = f"Restored from {problem.source}, by {found.method}"
-    cube = problem.as_cube(bands, white, words, errors)
+    cube = problem.as_cube(bands, white, words, half_width)
     progress.report(_RESTORING_SHARE, "scores")
-    truth = _true_cube(problem, white)
-    left = residual_map(problem.observation, found).numpy()
+    truth, known = problem.given_truth, problem.equalised_truth
+    if truth is None and known is not None:
+        truth = problem.as_cube(known, white, problem.truth_source)
     return RestoredCube(
         problem,
         cube,
         truth,
         None if truth is None else score_cube(cube, truth, light),
         found,
-        left,
+        residual_map(problem.observation, found).numpy(),
         judge_restoration(problem.observation, found, None),
         doubts,
         white,
         time.process_time() - started,
         refined,
     )
-
-
-def _estimate_errors(
-    problem: SpectralProblem, found: RestoredImage
-) -> tuple[NDArray[np.floating] | None, str]:
-    """Estimate half the width of the 90 % intervals of a snapshot's bands, and name doubtful bands.
-
-    The width is None for a dark picture.
-    """
-    if not float(torch.as_tensor(found.image).max()) > 0:
-        return None, ""
-    labels = [format_nanometres(one) for one in problem.wavelengths]
-    errors = estimate_error_map(problem.observation, found, problem.spectra, labels=labels)
-    return torch.as_tensor(errors.half_width).numpy(), errors.message
-
-
-def _true_cube(problem: SpectralProblem, white: float) -> SpectralCube | None:
-    """Return the true cube of a snapshot in shares of white; None if it isn't known."""
-    if problem.given_truth is not None:
-        return problem.given_truth
-    known = problem.equalised_truth
-    return None if known is None else problem.as_cube(known, white, problem.truth_source)

@@ -24,8 +24,7 @@ LEAST_NORM = 0.1
 """Length of a true spectrum that a pixel must exceed for its spectral angle to count, in shares of
 white: spectra of black things are noise."""
 
-_SAME_WAVELENGTH = 5e-10
-"""Largest difference in metres between the wavelengths of bands that are compared."""
+_SAME_WAVELENGTH = 5e-10  # metres; largest difference of bands that are compared
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The coded snapshot of a record: one photograph of all bands, or the sum of narrow ones.
+"""The coded snapshot of a record: its bands, and one photograph of all, or the sum of narrow ones.
 
 Light of different wavelengths adds. Where a filter is always in the beam, the sum of the
 photographs that were taken through it, one band after the other, is what one photograph of all
@@ -17,14 +17,9 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.plan_file import Reconstruction
 from labapp.files.wavelengths import list_nanometres
-from labapp.pictures.analysis.brackets import Bracket, find_bracket
+from labapp.pictures.analysis.brackets import WAVELENGTH_TOLERANCE, Bracket, find_bracket
 from labapp.pictures.analysis.colour_filters import passband_at
 from labapp.runs.record.reader import Record
-from labapp.spectral.band_selection import (
-    recorded_wavelengths,
-    require_recorded_bands,
-    require_single_slots,
-)
 
 Picture = NDArray[np.float64]
 
@@ -33,40 +28,20 @@ Picture = NDArray[np.float64]
 class CodedSnapshot:
     """A photograph of several bands at once through the coded pattern.
 
-    rate, variance: (rows, columns), electrons per second and pixel, and the variance of this rate.
+    rate: (rows, columns), electrons per second and pixel.
     clipped: (rows, columns), pixels that were clipped in every exposure of a band: there the light
         is at least `rate`.
-    wavelengths: bands in metres, rising.
+    noise: the pixels' rms noise from photons and readout alone, electrons per second; 0 if all
+        pixels are clipped.
     pictures: the photographs that were added, one for each band; a single one in broad light.
-    is_broad: whether it is one photograph in broad light.
+    source: what was photographed, and how, in words.
     """
 
     rate: Picture
-    variance: Picture
     clipped: NDArray[np.bool_]
-    wavelengths: tuple[float, ...]
+    noise: float
     pictures: tuple[Bracket, ...]
-    is_broad: bool
-
-    @property
-    def noise(self) -> float:
-        """Return the pixels' rms noise from photons and readout alone, electrons per second.
-
-        It is 0 if all pixels are clipped.
-        """
-        known = self.variance[~self.clipped]
-        return float(np.sqrt(known.mean())) if known.size else 0.0
-
-    @property
-    def source(self) -> str:
-        """Say in words what was photographed, and how."""
-        first = self.pictures[0]
-        if self.is_broad:
-            return f"{first.target}, {first.pattern}, one photograph in broad light"
-        return (
-            f"{first.target}, {first.pattern}, the sum of {len(self.pictures)} photographs in "
-            "narrow light"
-        )
+    source: str
 
 
 @dataclass(frozen=True)
@@ -84,11 +59,14 @@ class SnapshotBands:
     is_broad: bool
 
 
+def recorded_wavelengths(record: Record, target: str, pattern: str) -> tuple[float, ...]:
+    """Return the wavelengths in metres at which a target was recorded with a pattern, rising."""
+    frames = record.select(target=target, pattern=pattern)
+    return tuple(np.unique(record.column("wavelength")[frames]).tolist())
+
+
 def choose_bands(
-    record: Record,
-    roles: Reconstruction,
-    wanted: Sequence[float] | None,
-    known: Sequence[float],
+    record: Record, roles: Reconstruction, wanted: Sequence[float] | None, known: Sequence[float]
 ) -> SnapshotBands:
     """Choose the bands and the photographs of a record; no picture is read for that.
 
@@ -96,12 +74,11 @@ def choose_bands(
     is the snapshot. Otherwise it is the sum of the photographs of the wanted bands. Raises
     UserError if there is no such photograph, or a band is missing.
 
-    roles: names of the photograph and the coded pattern.
     wanted: bands in metres, rising; None for all.
     known: bands in metres whose PSFs are known, for a photograph in broad light.
     """
     target, pattern = roles.photograph, roles.coded
-    require_single_slots(record, target, pattern)
+    _require_single_slots(record, target, pattern)
     recorded = recorded_wavelengths(record, target, pattern)
     if not recorded:
         raise UserError(
@@ -117,26 +94,64 @@ def choose_bands(
     return SnapshotBands(bands, bands, is_broad=False)
 
 
+def require_recorded_bands(
+    wanted: Sequence[float], recorded: Sequence[float], what: str, record: Record
+) -> tuple[float, ...]:
+    """Return the recorded wavelengths of wanted bands; raise UserError if one is missing.
+
+    Both are in metres. `what` says in words what was recorded, and the error names the range of the
+    record's filter.
+    """
+    found = []
+    for one in wanted:
+        at = [own for own in recorded if abs(own - one) < WAVELENGTH_TOLERANCE]
+        if not at:
+            has = list_nanometres(recorded) if recorded else "no wavelength"
+            raise UserError(
+                f"--bands {one * 1e9:g}: {record.path} has {what} at {has}"
+                f"{_filter_range(record, one)}. Choose among these, or run a plan with that band."
+            )
+        found.append(at[0])
+    return tuple(found)
+
+
 def add_photographs(
     brackets: list[Bracket], roles: Reconstruction, bands: SnapshotBands, path: Path
 ) -> CodedSnapshot:
-    """Add the coded photographs of all bands, their light and its variance.
-
-    brackets: merged pictures of the record at `path`, those of the photograph among them.
-    roles: names of the photograph and the coded pattern.
-    """
+    """Add the coded photographs of all bands among the merged pictures of the record at `path`."""
     parts = [
         find_bracket(brackets, roles.photograph, roles.coded, one, path)
         for one in bands.photographed
     ]
+    clipped = np.any([~np.isfinite(one.variance) for one in parts], axis=0)
+    known = np.sum([one.variance for one in parts], axis=0)[~clipped]
+    how = f"the sum of {len(parts)} photographs in narrow light"
+    if bands.is_broad:
+        how = "one photograph in broad light"
     return CodedSnapshot(
         np.sum([one.rate for one in parts], axis=0),
-        np.sum([one.variance for one in parts], axis=0),
-        np.any([~np.isfinite(one.variance) for one in parts], axis=0),
-        bands.wavelengths,
+        clipped,
+        float(np.sqrt(known.mean())) if known.size else 0.0,
         tuple(parts),
-        bands.is_broad,
+        f"{parts[0].target}, {parts[0].pattern}, {how}",
     )
+
+
+def _require_single_slots(record: Record, target: str, pattern: str) -> None:
+    """Raise UserError if frames of one wavelength came through different filter slots.
+
+    Two slots with the same centre, one open and one narrow, would be merged into one picture.
+    """
+    frames = record.select(target=target, pattern=pattern)
+    wavelengths, slots = (record.column(name)[frames] for name in ("wavelength", "slot"))
+    for one in np.unique(wavelengths):
+        through = np.unique(slots[wavelengths == one]).tolist()
+        if len(through) > 1:
+            raise UserError(
+                f"{record.path}: has {target!r} at {one * 1e9:g} nm through the slots "
+                f"{' and '.join(map(str, through))}. In the bench file, give the open slot a "
+                "centre of its own."
+            )
 
 
 def _broad_bands(
@@ -165,3 +180,12 @@ def _broad_bands(
             "it at that band as well, or through an open slot."
         )
     return bands
+
+
+def _filter_range(record: Record, wavelength: float) -> str:
+    """Say what the filter can be tuned to, if a wavelength (metres) lies outside; else nothing."""
+    table = record.bench.devices.tables.get("filter")
+    span = None if table is None else dict(table.options).get("range_nm")
+    if span is None or span[0] <= wavelength * 1e9 <= span[1]:
+        return ""
+    return f"; the filter can be tuned from {span[0]:g} to {span[1]:g} nm only"

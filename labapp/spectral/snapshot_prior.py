@@ -16,24 +16,17 @@ from optics.sensor import Mosaic
 
 Stack = NDArray[np.float64]
 
+# Pixels around the middle that show the zeroth order: rings of three and more leave them dark.
 _CORE = 2
-"""Pixels around the middle in which the zeroth order of a PSF is found: rings of three pixels and
-more leave them dark."""
 
-_MOST_ORDER = 0.9
-"""Largest share of the zeroth order that is found; of more, there is no coded PSF to calibrate."""
-
-_LEAST_SHARE = 1e-3
-"""Least response of a channel over that of the band's strongest one; a model's must be positive."""
+_MOST_ORDER = 0.9  # largest zeroth order that is found; of more, there is no coded PSF to calibrate
+_LEAST_SHARE = 1e-3  # of a band's strongest channel: least response, as a model's must be positive
 
 
 def prior_of_run(psfs: BandPSFs, response: BandResponse) -> SnapshotCalibration:
     """Return the camera's nominal model with the usual uncertainty, from a run's star and white.
 
-    Its response includes the PSFs' shares.
-
-    psfs: each sums to the share of the light that it passes.
-    response: what white gives in each band behind each filter.
+    Its response includes the share of the light that each PSF passes, which is the PSF's sum.
     """
     neutral = _neutral_psfs(psfs)
     shapes = psfs.psfs / psfs.psfs.sum((1, 2), keepdims=True)

@@ -8,7 +8,7 @@ instead, each with the sensitivity of its filter.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,25 +18,23 @@ from scipy.special import erf
 
 Picture = NDArray[np.float64]
 
+# Pixels around the brightest one to which the spot is fitted. Chosen: four times the period of
+# Bayer's pattern.
 _REACH = 8
-"""Pixels around the brightest one, up and down, to which the spot is fitted. Chosen: four times the
-period of Bayer's pattern."""
 
+# Pixels around a star's middle that show the light of its shape: rings of three pixels and more
+# leave them dark.
 _CORE = 2
-"""Pixels around a star's middle from which the light of its shape is estimated: rings of three
-pixels and more leave them dark."""
 
+# Deviation of a star's shape from a Gaussian, over its brightest pixel, that counts as noise.
+# Measured: an Airy disc of 1.2 pixels on a pixel and its neighbours leaves 0.03 to 0.06.
 _SHAPE_ERROR = 0.05
-"""Deviation of a star's true shape from a Gaussian, relative to its brightest pixel, that counts as
-noise of the fit. Measured: an Airy disc of 1.2 pixels on a pixel and its neighbours leaves 0.03 to
-0.06."""
 
+# Pixels from the brightest one at which fits begin: a star on the pixel of another colour is
+# brightest beside its place.
 _START_OFFSETS = (-0.6, 0.0, 0.6)
-"""Pixels from the brightest pixel, up and down, at which fits begin: a star on the pixel of another
-colour is brightest beside its place."""
 
-_SIGMAS = (0.2, 4.0)
-"""Least and largest standard deviation of a spot, in pixels."""
+_SIGMAS = (0.2, 4.0)  # pixels; least and largest standard deviation of a spot
 
 
 @dataclass(frozen=True)
@@ -88,15 +86,17 @@ def fit_star_spot(
         negative.
     near: pixel (row, column) within two pixels of the star.
     """
-    rows, columns = (_window(at, n) for at, n in zip(near, rate.shape, strict=True))
+    rows, columns = (
+        slice(max(at - _REACH, 0), min(at + _REACH + 1, n))
+        for at, n in zip(near, rate.shape, strict=True)
+    )
     seen, share = rate[rows, columns], sensitivity[rows, columns]
     known = np.isfinite(variance[rows, columns]) & (share > 0)
     peak = float(np.where(known, seen, 0).max(initial=0))
     if not peak > 0:
         return None
-    spread = np.where(known, variance[rows, columns], 0) + (_SHAPE_ERROR * peak) ** 2 * (
-        share / share.max()
-    )
+    modelled = (_SHAPE_ERROR * peak) ** 2 * (share / share.max())
+    spread = np.where(known, variance[rows, columns], 0) + modelled
     places = np.arange(rows.start, rows.stop), np.arange(columns.start, columns.stop)
     trust = known / np.sqrt(spread)
 
@@ -105,18 +105,29 @@ def fit_star_spot(
         return ((spot - seen) * trust).ravel()
 
     def slopes(parameters: Picture) -> Picture:
-        return np.stack(
-            [(share * slope * trust).ravel() for slope in _spot_slopes(places, parameters)], axis=1
-        )
+        parts = _spot_slopes(places, parameters)
+        return np.stack([(share * slope * trust).ravel() for slope in parts], axis=1)
 
-    found = _fits(misfit, slopes, near, peak / float(share.max()))
-    best = min(found, key=lambda one: float(one.cost))
+    low, high = (math.log(one) for one in _SIGMAS)
+    bounds = (
+        [near[0] - 3.0, near[1] - 3.0, low, -np.inf],
+        [near[0] + 3.0, near[1] + 3.0, high, np.inf],
+    )
+    light = peak / float(share.max())
+    # From several starts around the pixel, because the misfit has several minima.
+    fits = [
+        least_squares(
+            misfit,
+            [near[0] + down, near[1] + along, math.log(0.6), math.log(2 * light)],
+            slopes,
+            bounds=bounds,
+        )
+        for down in _START_OFFSETS
+        for along in _START_OFFSETS
+    ]
+    best = min(fits, key=lambda one: float(one.cost))
     y, x, log_sigma, log_light = map(float, best.x)
     return StarSpot(y, x, math.exp(log_sigma), math.exp(log_light), _place_deviation(best))
-
-
-def _window(at: int, count: int) -> slice:
-    return slice(max(at - _REACH, 0), min(at + _REACH + 1, count))
 
 
 def _gaussian_spot(
@@ -160,26 +171,6 @@ def _spot_slopes(
         light * (np.outer(widened[0], along) + np.outer(down, widened[1])),
         light * np.outer(down, along),
     )
-
-
-def _fits(
-    misfit: Callable[[Picture], Picture],
-    slopes: Callable[[Picture], Picture],
-    near: tuple[int, int],
-    light: float,
-) -> list[OptimizeResult]:
-    """Fit from several starts around a pixel, because the misfit has several minima."""
-    low, high = (math.log(one) for one in _SIGMAS)
-    bounds = (
-        [near[0] - 3.0, near[1] - 3.0, low, -np.inf],
-        [near[0] + 3.0, near[1] + 3.0, high, np.inf],
-    )
-    starts = [
-        [near[0] + down, near[1] + along, math.log(0.6), math.log(2 * light)]
-        for down in _START_OFFSETS
-        for along in _START_OFFSETS
-    ]
-    return [least_squares(misfit, start, slopes, bounds=bounds) for start in starts]
 
 
 def _place_deviation(fit: OptimizeResult) -> float:

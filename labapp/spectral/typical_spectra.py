@@ -12,8 +12,7 @@ from labapp.common.colour_library import colour_library
 from labapp.common.errors import UserError
 from labapp.files.wavelengths import list_nanometres
 
-_KNOWN = (380e-9, 780e-9)
-"""Range in metres in which the samples' reflectances are known."""
+_KNOWN = (380e-9, 780e-9)  # metres; where the samples' reflectances are known
 
 
 def typical_reflectances(wavelengths: tuple[float, ...]) -> NDArray[np.float64]:

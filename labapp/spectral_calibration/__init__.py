@@ -1,7 +1,7 @@
 """Calibration of a snapshot spectral camera: PSFs and response of each band, and the lamp's light.
 
 `request` says what is asked for. `exposure_search` finds exposures by trial, `plan_design` makes
-the plan, `radiances` measures the light with a spectroradiometer, `nominal_model` computes the
-camera as it is meant to be, and `fitting` fits the record's frames. `spectra_tables`,
-`result_report` and `overview_figure` present the results. The steps are those of `calibrating`.
+the plan, `radiances` measures the light with a spectroradiometer, and `fitting` fits the record's
+frames, beginning at the camera as it is meant to be. The steps, and the content of spectra.json,
+are those of `calibrating`; `overview_figure` draws it.
 """

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
+import torch
+
+import labapp
 from labapp.bench.opening import Bench, BenchFiles, open_bench
 from labapp.bench.star_target import require_star_target
 from labapp.common.errors import UserError
-from labapp.files.calibration_file import calibration_to_json
+from labapp.files.calibration_file import DeviceIdentityTable, calibration_to_json
 from labapp.files.plan_file import NamedPlan, PlanFile
 from labapp.files.plan_folder import RECORD_FILE, write_plan
-from labapp.files.spectra_file import SpectraFile
+from labapp.files.spectra_file import (
+    BandTable,
+    ParameterTable,
+    SpectraFile,
+    TransmissionTable,
+    as_ppm,
+    name_bands,
+)
 from labapp.files.writing import make_folder, write_atomically
 from labapp.patterns.grey_levels import compute_patterns
 from labapp.runs.acquisition.attendance import AskOperator
+from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import run_written_plan
 from labapp.spectral.lights import ViewingLight
-from labapp.spectral.snapshot_prior import require_filters
+from labapp.spectral.snapshot_prior import require_filters, usual_uncertainty_in_words
 from labapp.spectral_calibration.exposure_search import find_exposures
 from labapp.spectral_calibration.fitting import SpectraFit, fit_spectra
 from labapp.spectral_calibration.plan_design import build_spectra_plan
@@ -28,40 +41,35 @@ from labapp.spectral_calibration.radiances import (
     transmission_tables,
 )
 from labapp.spectral_calibration.request import SpectraRequest
-from labapp.spectral_calibration.spectra_tables import build_spectra_file
+from optics.multispectral import CalibratedParameter
 from optics.progress import Progress
 
 RADIANCE_FILE = "radiances.csv"
 SPECTRA_FILE, PICTURE_FILE = "spectra.json", "spectra.png"
 
 
-@dataclass(frozen=True, eq=False)
-class SpectraResult:
-    """The fit, and the content of its file."""
+_DIGITS = 6  # significant digits of the model's numbers; their errors are larger
 
-    fit: SpectraFit
-    file: SpectraFile
+_NO_LAMP = (
+    "The filter's own transmission: only the product of lamp and filter was seen. It matters for "
+    "photographs that are taken without the filter."
+)
 
 
 @dataclass(frozen=True)
 class SpectraJob:
-    """What is measured, and where.
-
-    source: plan whose coded pattern is calibrated.
-    folder: of the results.
-    lamp: spectrum of the lamp, from elsewhere.
-    """
+    """What is measured, and where: `source` is the plan whose coded pattern is calibrated."""
 
     files: BenchFiles
     source: NamedPlan
     request: SpectraRequest
     folder: Path
-    lamp: ViewingLight | None = None
+    lamp: ViewingLight | None
 
 
 def calibrate_spectra(
     job: SpectraJob, progress: Progress, ask: AskOperator, *, speed: float, force: bool
-) -> SpectraResult:
+) -> SpectraFile:
     """Measure radiances, find exposures, take frames, fit them, and write the files.
 
     The folder gets radiances.csv (where there is a spectroradiometer), plan.toml, patterns/,
@@ -90,10 +98,8 @@ def prepare_spectra_plan(job: SpectraJob) -> PlanFile:
 
     Raises UserError without exposures.
     """
-    for option, value in (
-        ("--exposure-ms", job.request.exposure_ms),
-        ("--flat-ms", job.request.flat_ms),
-    ):
+    stated = {"--exposure-ms": job.request.exposure_ms, "--flat-ms": job.request.flat_ms}
+    for option, value in stated.items():
         if value is None:
             raise UserError(
                 f"--plan-only takes no pictures, and can't find exposures by trial. Give {option}: "
@@ -108,8 +114,8 @@ def prepare_spectra_plan(job: SpectraJob) -> PlanFile:
 
 
 def fit_and_write_spectra(
-    record: Path, lamp: ViewingLight | None, progress: Progress | None = None
-) -> SpectraResult:
+    record: Path, lamp: ViewingLight | None, progress: Progress
+) -> SpectraFile:
     """Fit a record, and write spectra.json and spectra.png beside it.
 
     Radiances are read from radiances.csv beside the record, if it is there.
@@ -117,15 +123,14 @@ def fit_and_write_spectra(
     from labapp.common.figure_png import figure_to_png
     from labapp.spectral_calibration.overview_figure import draw_spectra
 
-    progress = progress or Progress()
     fit = fit_spectra(record, progress.part(0.0, 0.9))
     seen = read_radiances(record.with_name(RADIANCE_FILE), fit.request.bands_nm)
-    file = build_spectra_file(fit, *transmission_tables(seen, lamp))
+    file = _build_spectra_file(fit, *transmission_tables(seen, lamp))
     progress.report(0.9, "picture")
     write_atomically(record.with_name(SPECTRA_FILE), calibration_to_json(file))
     write_atomically(record.with_name(PICTURE_FILE), figure_to_png(draw_spectra(fit, file, seen)))
     progress.report(1.0, "calibrated")
-    return SpectraResult(fit, file)
+    return file
 
 
 def _complete_request(request: SpectraRequest, bench: Bench) -> SpectraRequest:
@@ -167,3 +172,88 @@ def _write_plan(
     made = build_spectra_plan(request, shown, exposures, bench.description.sensor)
     write_plan(job.folder, made, shown)
     return made
+
+
+def _build_spectra_file(
+    fit: SpectraFit, transmission: tuple[TransmissionTable, ...], transmission_source: str
+) -> SpectraFile:
+    """Build the file's content; date, devices and bench come from the run's record."""
+    found, model, response = fit.found, fit.found.model, fit.found.response
+    order = model.zeroth_order[:, None, None]
+    bands = fit.request.wavelengths
+    known = bool(transmission) and all(one.relative is not None for one in transmission)
+    with Record(fit.path) as record:
+        bench = record.bench.model_dump(mode="json")
+        return SpectraFile(
+            version=1,
+            date=datetime.fromisoformat(record.text("start_time")),
+            bench=record.bench.name,
+            record=fit.path.name,
+            frames=record.frame_count,
+            software=f"labapp {labapp.__version__}",
+            devices={
+                name: DeviceIdentityTable(**device) for name, device in record.devices.items()
+            },
+            sensor=bench["sensor"],
+            pitch_um=record.camera.sensor.pitch * 1e6,
+            coded_pattern=fit.request.coded,
+            coded_sha256=fit.coded_sha256,
+            nominal_source=_nominal_in_words(fit),
+            transmission_source=transmission_source,
+            indeterminate=(*found.indeterminate, *(() if known else (_NO_LAMP,))),
+            parameters=tuple(_parameter_table(one, bands) for one in found.parameters),
+            bands=tuple(
+                BandTable(
+                    wavelength_nm=nm,
+                    white_e_per_s=_round_number(float(response[:, band].max())),
+                    light_share=_round_number(float(fit.light_share[band])),
+                    star_residual=_round_number(float(fit.star_residuals[band])),
+                )
+                for band, nm in enumerate(fit.request.bands_nm)
+            ),
+            transmission=transmission,
+            filters=model.pattern,
+            channels=model.channels,
+            zeroth_order=_row(model.zeroth_order),
+            response=tuple(_row(one) for one in model.response),
+            deviation=_row(found.deviation),
+            covariance=tuple(_row(one) for one in found.covariance),
+            psfs_ppm=as_ppm((order * model.neutral + (1 - order) * model.coded).numpy()),
+            neutral_ppm=as_ppm(model.neutral.numpy()),
+        )
+
+
+def _nominal_in_words(fit: SpectraFit) -> str:
+    """Say in words what the nominal model is, and how well it was known."""
+    request = fit.request
+    star = (
+        f"fitted as those of a star of {request.star_diameter_um:g} µm"
+        if request.star_diameter_um
+        else "fitted as if the star were a point, as its size isn't known"
+    )
+    return (
+        f"PSFs of a point, computed from the bench's description and the pattern "
+        f"{request.coded!r}, and {star}; before the fit, {usual_uncertainty_in_words()}"
+    )
+
+
+def _parameter_table(one: CalibratedParameter, wavelengths: Sequence[float]) -> ParameterTable:
+    exact = (one.value, one.deviation, one.lower, one.upper, one.nominal)
+    value, sigma, lower, upper, nominal = map(_round_number, exact)
+    return ParameterTable(
+        name=name_bands(one.name, wavelengths),
+        unit=one.unit.replace("pixel", "px"),
+        value=value,
+        sigma=sigma,
+        lower=lower,
+        upper=upper,
+        nominal=nominal,
+    )
+
+
+def _row(values: torch.Tensor) -> tuple[float, ...]:
+    return tuple(_round_number(float(one)) for one in values)
+
+
+def _round_number(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench
 from labapp.calibration.trial_exposures import limit_exposures, trial_plan
@@ -21,24 +19,17 @@ from labapp.spectral_calibration.request import SpectraRequest
 from optics.camera import Sensor
 from optics.progress import Progress
 
+# Middle exposure of the first trial in milliseconds, and ratio between its exposures. Chosen as
+# between those of the plan coded-snapshot; one frame covers a range of about 50.
 _FIRST_MS, _RATIO = 16.0, 16.0
-"""Middle exposure of the first trial in milliseconds, and ratio between a trial's exposures. Chosen
-as between those of the plan coded-snapshot; one frame covers a range of about 50."""
 
+# Level, 0 at black and 1 at full scale, that the brightest pixel shall reach, and from which it
+# counts as clipped. Chosen.
 _LEVEL, _CLIPPED = 0.6, 0.97
-"""Share of the range between black and full scale that the brightest pixel shall reach, and from
-which it counts as clipped. Chosen."""
 
-_LEAST_LEVEL = 0.01
-"""Least level of the brightest pixel from which an exposure is derived: with 12 bits, 40 steps."""
-
-_MOST_ROUNDS = 4
-"""Most rounds of trials; chosen: they cover exposures from microseconds to minutes."""
-
-_BRIGHT_PERCENTILE = 99.5
-"""Percentile of a white sheet's pixels that counts as its brightest pixel, hot ones left out."""
-
-_TITLE = "Trial of the exposures of a spectral calibration"
+_LEAST_LEVEL = 0.01  # of the brightest pixel, to derive an exposure: with 12 bits, 40 steps
+_MOST_ROUNDS = 4  # of trials; chosen: they cover exposures from microseconds to minutes
+_BRIGHT_PERCENTILE = 99.5  # of a white sheet's pixels; counts as its brightest, hot ones left out
 
 Exposures = dict[tuple[str, float], float]
 """Exposures in seconds by target and wavelength in nm."""
@@ -65,11 +56,15 @@ def find_exposures(
     clipped or all dark are taken again. Exposures that the request states aren't looked for.
     Raises UserError if one can't be found.
     """
-    found, tried = _requested_exposures(request), dict[tuple[str, float], list[_Trial]]()
-    for target in (request.star, request.flat):
+    found: Exposures = {}
+    tried: dict[tuple[str, float], list[_Trial]] = {}
+    stated = {request.star: request.exposure_ms, request.flat: request.flat_ms}
+    for target, ms in stated.items():
         for nm in request.bands_nm:
-            if (target, nm) not in found:
+            if ms is None:
                 tried[target, nm] = []
+            else:
+                found[target, nm] = ms * 1e-3
     sensor = bench.description.sensor
     wanted = {one: limit_exposures(sensor, [_FIRST_MS * 1e-3 * _RATIO**k for k in (-1, 0, 1)])
               for one in tried}  # fmt: skip
@@ -78,13 +73,22 @@ def find_exposures(
             return found
         part = progress.part(number / _MOST_ROUNDS, (number + 1) / _MOST_ROUNDS)
         path = folder / f"trial-{number + 1}.h5"
-        plan = trial_plan(_TITLE, request.neutral, wanted)
+        title = "Trial of the exposures of a spectral calibration"
+        plan = trial_plan(title, request.neutral, wanted)
         outcome = run_plan(
             bench, plan, path, Attendance(progress=part, ask=ask), source="trial", force=True
         )
         require_complete(outcome)
         _read_trials(path, tried, request.star)
-        wanted = _next_trials(tried, found, sensor, tuple(wanted))
+        asked, wanted = tuple(wanted), {}
+        for key in asked:
+            exposure, more = _judge(tried[key], sensor)
+            if exposure is not None:
+                found[key] = exposure
+            elif more:
+                wanted[key] = more
+            else:
+                raise _out_of_reach(key, tried[key])
     if wanted:
         target, nm = next(iter(wanted))
         shown = ", ".join(f"{one.exposure * 1e3:g}" for one in tried[target, nm])
@@ -95,65 +99,34 @@ def find_exposures(
     return found
 
 
-def _requested_exposures(request: SpectraRequest) -> Exposures:
-    given = {request.star: request.exposure_ms, request.flat: request.flat_ms}
-    return {
-        (target, nm): ms * 1e-3
-        for target, ms in given.items()
-        if ms is not None
-        for nm in request.bands_nm
-    }
-
-
 def _read_trials(path: Path, tried: dict[tuple[str, float], list[_Trial]], star: str) -> None:
     """Add the frames of a trial's record to those that were tried."""
     with Record(path) as record:
         sensor = record.camera.sensor
+        room = sensor.full_scale - sensor.black_level
         columns = {name: record.column(name) for name in ("target", "wavelength_asked", "exposure")}
         for index in range(record.frame_count):
             target = record.target_names[columns["target"][index]]
             nm = columns["wavelength_asked"][index] * 1e9
             key = next(one for one in tried if one[0] == target and abs(one[1] - nm) < 1e-3)
-            level = _brightest_level(record.image(index), sensor, target == star)
-            tried[key].append(_Trial(float(columns["exposure"][index]), level))
+            frame = record.image(index)
+            # Behind colour filters, a star's brightest pixel may have no bright neighbour.
+            if target == star:
+                bright = float((frame - np.median(frame)).max())
+            else:
+                bright = float(np.percentile(frame, _BRIGHT_PERCENTILE)) - sensor.black_level
+            tried[key].append(_Trial(float(columns["exposure"][index]), bright / room))
 
 
-def _brightest_level(frame: NDArray[np.uint16], sensor: Sensor, is_star: bool) -> float:
-    """Return the level of a trial's brightest pixel, 0 at black and 1 at full scale.
-
-    A star's is its brightest pixel, which may have no bright neighbour behind colour filters. A
-    sheet's is a high percentile.
-    """
-    room = sensor.full_scale - sensor.black_level
-    if not is_star:
-        bright = float(np.percentile(frame, _BRIGHT_PERCENTILE))
-        return (bright - sensor.black_level) / room
-    return float((frame - np.median(frame)).max()) / room
-
-
-def _next_trials(
-    tried: Mapping[tuple[str, float], list[_Trial]],
-    found: Exposures,
-    sensor: Sensor,
-    asked: tuple[tuple[str, float], ...],
-) -> dict[tuple[str, float], tuple[float, ...]]:
-    """Add the exposures that are now known to `found`, and return those to try next."""
-    wanted = {}
-    for key in asked:
-        exposure, more = _judge(tried[key], sensor)
-        if exposure is not None:
-            found[key] = exposure
-        elif more:
-            wanted[key] = more
-        else:
-            end = min(tried[key], key=lambda one: one.level).exposure
-            dim = max(one.level for one in tried[key]) < _LEAST_LEVEL
-            raise UserError(
-                f"{key[0]!r} is too {'dim' if dim else 'bright'} at {key[1]:g} nm, at {end * 1e3:g}"
-                f" ms, the end of what the camera can expose. {'Brighten' if dim else 'Dim'} the "
-                "lamp, or check that it is in the frame."
-            )
-    return wanted
+def _out_of_reach(key: tuple[str, float], trials: list[_Trial]) -> UserError:
+    """Return the error of a target and wavelength in nm that no exposure of the camera suits."""
+    end = min(trials, key=lambda one: one.level).exposure
+    dim = max(one.level for one in trials) < _LEAST_LEVEL
+    return UserError(
+        f"{key[0]!r} is too {'dim' if dim else 'bright'} at {key[1]:g} nm, at {end * 1e3:g}"
+        f" ms, the end of what the camera can expose. {'Brighten' if dim else 'Dim'} the "
+        "lamp, or check that it is in the frame."
+    )
 
 
 def _judge(trials: list[_Trial], sensor: Sensor) -> tuple[float | None, tuple[float, ...]]:
@@ -171,8 +144,5 @@ def _judge(trials: list[_Trial], sensor: Sensor) -> tuple[float | None, tuple[fl
         return None, limit_exposures(sensor, [math.sqrt(min(bright) * max(dark))])
     end = min(bright) if bright else max(dark)
     step = 1 / _RATIO if bright else _RATIO
-    return None, tuple(
-        one
-        for one in limit_exposures(sensor, [end * step, end * step**2])
-        if not math.isclose(one, end)
-    )
+    further = limit_exposures(sensor, [end * step, end * step**2])
+    return None, tuple(one for one in further if not math.isclose(one, end))

@@ -5,23 +5,25 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import shell_word
 from labapp.pictures.analysis.brackets import Bracket, find_bracket, merge_all
+from labapp.pictures.analysis.colour_filters import passband_at
+from labapp.pictures.analysis.star_psf import predict_star
+from labapp.pictures.colour_matrix import white_balance
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from labapp.spectral.band_response import response_from_sheet
 from labapp.spectral.neutral_stack import coded_light_share
-from labapp.spectral.snapshot_prior import require_filters
-from labapp.spectral_calibration.nominal_model import compute_nominal_model
+from labapp.spectral.snapshot_prior import positive_response, require_filters, zeroth_orders
 from labapp.spectral_calibration.request import SpectraRequest, request_of_record
+from optics.camera.pupil import panel_to_focus_distance
 from optics.multispectral import (
     SnapshotCalibration,
     SnapshotModel,
@@ -32,25 +34,21 @@ from optics.progress import Progress
 
 Stack = NDArray[np.float64]
 
-_CENTRAL_SHARE = 0.5
-"""Share of each side of a white sheet's picture that is fitted, where its light is most even."""
+_POINT = 1e-9  # metres; diameter of a star whose size isn't known
+_CENTRAL_SHARE = 0.5  # of each side of a white sheet's picture, where its light is most even
 
+# Least brightest pixel of a star, over the noise of a dark one. Chosen: of less, a PSF's place is
+# known no better than by the nominal model.
 _LEAST_STAR = 10.0
-"""Least brightest pixel of a star's picture, over the noise of a dark pixel. Chosen: of less, a
-PSF's place is known no better than by the nominal model."""
 
-_DARK_PERCENTILE = 10.0
-"""Percentile of the variances of a star's picture that counts as that of a dark pixel."""
+_DARK_PERCENTILE = 10.0  # of the variances of a star's picture; counts as that of a dark pixel
+_MAD_TO_DEVIATION = 1.4826  # standard deviation of a normal variable over its median absolute one
 
-_MAD_TO_DEVIATION = 1.4826
-"""Standard deviation of a normal variable over its median absolute deviation."""
-
+# Pixels around the PSFs' middle from which the star's place is found first. Chosen: the zeroth
+# order shows it best.
 _PLACE_REACH = 12
-"""Pixels around the middle of the PSFs from which the place of the star is found first. Chosen: the
-zeroth order shows it best."""
 
-_BRIGHT = 5.0
-"""Noise of a dark pixel from which a pixel's photon noise can be told."""
+_BRIGHT = 5.0  # noises of a dark pixel from which a pixel's photon noise can be told
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,44 +111,91 @@ def fit_spectra(path: Path, progress: Progress) -> SpectraFit:
         progress.report(0.4, "nominal PSFs")
         rates = white.shares * white.white
         # What is kept is of a point; what is fitted has the size and the place of the star.
-        nominal = compute_nominal_model(record, request, rates)
-        model = compute_nominal_model(record, request, rates, (0.0, 0.0)).model
+        nominal, window_share = _compute_nominal_model(record, request, rates)
+        model, _ = _compute_nominal_model(record, request, rates, (0.0, 0.0))
         seen, photons = _star_pictures(stars)
-        fit = partial(
-            _fit_model,
-            path=path,
-            flats=_flat_pictures(flats, model, photons),
-            stars=seen,
-            noise=1.0,
-            photon_variance=photons,
-        )
+        sheet = _flat_pictures(flats, model, photons)
+
+        def fit(start: SnapshotModel) -> SnapshotCalibration:
+            try:
+                return calibrate_from_frames(
+                    SnapshotCalibration.nominal(start),
+                    flats=sheet,
+                    stars=seen,
+                    noise=1.0,
+                    photon_variance=photons,
+                )
+            except ValueError as error:
+                raise UserError(f"{path}: {error}.") from error
+
         progress.report(0.6, "place of the star")
         place = _common_shift(fit(_middle_of(model)))
         progress.report(0.8, "fit")
         # Interpolation would cost more than a model that is computed at the star's place.
-        at_star = fit(compute_nominal_model(record, request, rates, place).model)
+        at_star = fit(_compute_nominal_model(record, request, rates, place)[0])
         pattern = record.pattern(request.coded).tobytes()
-    found = _as_point(at_star, nominal.model)
+    found = _as_point(at_star, nominal)
     shown, predicted, residuals = _compare_stars(at_star, seen, photons)
     return SpectraFit(
         path,
         request,
-        SnapshotCalibration.nominal(nominal.model),
+        SnapshotCalibration.nominal(nominal),
         found,
         shown,
         predicted,
         residuals,
-        nominal.window_share * coded_light_share(coded_flats, flats),
+        window_share * coded_light_share(coded_flats, flats),
         hashlib.sha256(pattern).hexdigest(),
     )
 
 
-def _fit_model(model: SnapshotModel, *, path: Path, **frames: Any) -> SnapshotCalibration:
-    """Fit frames from a nominal model with the usual uncertainty."""
-    try:
-        return calibrate_from_frames(SnapshotCalibration.nominal(model), **frames)
-    except ValueError as error:
-        raise UserError(f"{path}: {error}.") from error
+def _compute_nominal_model(
+    record: Record,
+    request: SpectraRequest,
+    rates: NDArray[np.float64],
+    offset: tuple[float, float] | None = None,
+) -> tuple[SnapshotModel, NDArray[np.float64]]:
+    """Compute the model of a camera as described, whose deviations the frames then show.
+
+    Its PSFs follow from the description of panel, lens and sensor, and from the recorded patterns;
+    they have no noise. Its response has the light of the white sheet: of each band, the sum over
+    the channels is the measured one, divided among them as the sensor's curves say.
+
+    Returns as well the light in the window of the coded PSF over that in the window of the neutral
+    one, (bands,); the pattern sends the rest beyond the window.
+
+    rates: (channels, bands), electrons per second that the white sheet gives behind each filter.
+    offset: place (y, x) of the star relative to the middle pixel, in pixels; its PSFs are those of
+        the star. Of a point in the middle if None.
+    """
+    camera, bands = record.camera, request.wavelengths
+    greys = [torch.from_numpy(record.pattern(one)) for one in (request.neutral, request.coded)]
+    side = min(request.window_px, *camera.sensor.shape)
+    # Odd, so that the window reaches as far on both sides of the middle.
+    side -= 1 - side % 2
+    distance = request.star_distance_m or panel_to_focus_distance(camera)
+    diameter = _POINT if offset is None else request.star_diameter_um * 1e-6 or _POINT
+    place = offset or (0.0, 0.0)
+    stars = [
+        [one.numpy() for one in predict_star(camera, greys, at, diameter, distance, side, place)]
+        for at in bands
+    ]
+    # (neutral and coded, bands, rows, columns)
+    psfs = np.clip(np.array(stars, dtype=np.float64).transpose(1, 0, 2, 3), 0, None)
+    sums = psfs.sum((2, 3))
+    neutral, coded = psfs / sums[..., None, None]
+    mosaic = require_filters("--spectra", camera.sensor.colour)
+    curves = [white_balance(mosaic, None, passband_at(record, one)) for one in bands]
+    gains = positive_response(np.stack(curves, axis=1))
+    model = SnapshotModel.create(
+        coded,
+        gains / gains.sum(0) * rates.sum(0),
+        zeroth_order=zeroth_orders(coded, neutral),
+        neutral=neutral,
+        pattern=mosaic.pattern,
+        channels="".join(mosaic.channels),
+    )
+    return model, sums[1] / sums[0]
 
 
 def _middle_of(model: SnapshotModel) -> SnapshotModel:

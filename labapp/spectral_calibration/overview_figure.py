@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure, SubFigure
@@ -13,22 +12,19 @@ from matplotlib.ticker import MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 from labapp.files.spectra_file import ParameterTable, SpectraFile
-from labapp.spectral.drawing import shown_bands
+from labapp.spectral.drawing import cut_middle, reach_of_light, shown_bands
 from labapp.spectral_calibration.fitting import SpectraFit
 from labapp.spectral_calibration.radiances import LAMP, Radiances
 
-_DECADES = 3
-"""Powers of ten below its peak that a star is drawn over."""
+_DECADES = 3  # powers of ten below its peak that a star is drawn over
+_DIFFERENCE = 0.05  # of star and model, relative to the star's peak, that has the deepest colour
 
-_DIFFERENCE = 0.05
-"""Difference of star and model, relative to the star's peak, that has the deepest colour."""
-
-_DRAWN_SHARE, _LEAST_REACH = 0.9, 8
-"""Share of a star's modelled light that is drawn, and least pixels from its middle."""
+# Share of a star's modelled light that is drawn, and pixels around it.
+_DRAWN_SHARE, _MARGIN = 0.9, 2
 
 _COLOURS = {"R": "tab:red", "G": "tab:green", "B": "tab:blue"}
+# Standard deviations; half axis of an ellipse that holds 90 % of two normal variables.
 _NINETY = 2.146
-"""Half axis of an ellipse that holds 90 % of two normal variables, in standard deviations."""
 
 
 def draw_spectra(fit: SpectraFit, file: SpectraFile, seen: Radiances | None) -> Figure:
@@ -50,27 +46,24 @@ def draw_spectra(fit: SpectraFit, file: SpectraFile, seen: Radiances | None) -> 
     )
     parts = figure.subfigures(2, 1, height_ratios=[6.4, 4.0], squeeze=False)
     _draw_stars(parts[0, 0], fit, file, shown)
-    count = 3 if seen is None else 4
-    axes = parts[1, 0].subplots(1, count)
+    axes = parts[1, 0].subplots(1, 3 if seen is None else 4)
     _draw_zeroth_orders(axes[0], file)
-    _draw_places(axes[1], fit, file)
+    _draw_places(axes[1], file)
     _draw_response(axes[2], fit, file)
     if seen is not None:
         _draw_radiances(axes[3], seen)
     return figure
 
 
-def _draw_stars(
-    figure: SubFigure, fit: SpectraFit, file: SpectraFile, shown: Sequence[int]
-) -> None:
+def _draw_stars(figure: SubFigure, fit: SpectraFit, file: SpectraFile, shown: list[int]) -> None:
     """Draw stars, their models and what is left, a column for each band.
 
     Behind colour filters, only the pixels of the colours that see the band are bright.
     """
     axes = figure.subplots(3, len(shown), squeeze=False)
-    reach = _reach(fit.predicted)
+    reach = reach_of_light(fit.predicted, _DRAWN_SHARE) + _MARGIN
     for column, band in zip(axes.T, shown, strict=True):
-        seen, model = (_middle(one[band], reach) for one in (fit.stars, fit.predicted))
+        seen, model = (cut_middle(one[band], reach) for one in (fit.stars, fit.predicted))
         peak = float(seen.max())
         least = peak * 10.0**-_DECADES
         for axis, picture in zip(column, (seen, model), strict=False):
@@ -95,21 +88,6 @@ def _draw_stars(
         axis.set_ylabel(label, fontsize=9)
 
 
-def _reach(predicted: NDArray[np.float64]) -> int:
-    """Return within how many pixels of its middle each star has most of its light."""
-    side = min(predicted.shape[1:]) // 2
-    for reach in range(min(_LEAST_REACH, side), side):
-        if all(_middle(one, reach).sum() >= _DRAWN_SHARE * one.sum() for one in predicted):
-            return reach + 2
-    return side
-
-
-def _middle(picture: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
-    """Return the part of a star's picture within some pixels from its middle, n // 2."""
-    rows, columns = (slice(max(n // 2 - reach, 0), n // 2 + reach + 1) for n in picture.shape)
-    return picture[rows, columns]
-
-
 def _select_parameters(file: SpectraFile, beginning: str) -> list[ParameterTable]:
     """Return the parameters whose names begin so, a band each."""
     return [one for one in file.parameters if one.name.startswith(beginning)]
@@ -128,18 +106,13 @@ def _draw_zeroth_orders(axes: Axes, file: SpectraFile) -> None:
         label="calibrated, 90 %",
     )
     (size,) = _select_parameters(file, "size")
-    axes.set_title(
-        f"Zeroth order's share of the light\nsize of the coded PSFs {size.value:.4f} "
-        f"± {size.sigma:.4f}",
-        fontsize=10,
-    )
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("wavelength, nm")
     axes.legend(fontsize=8)
-    axes.grid(alpha=0.3)
+    measured = f"{size.value:.4f} ± {size.sigma:.4f}"
+    _label(axes, f"Zeroth order's share of the light\nsize of the coded PSFs {measured}")
 
 
-def _draw_places(axes: Axes, fit: SpectraFit, file: SpectraFile) -> None:
+def _draw_places(axes: Axes, file: SpectraFile) -> None:
     """Draw the places of the PSFs relative to most bands, with ellipses of 90 %."""
     ys, xs = _select_parameters(file, "centre y"), _select_parameters(file, "centre x")
     colours = _band_colours(len(ys))
@@ -162,8 +135,6 @@ def _draw_places(axes: Axes, fit: SpectraFit, file: SpectraFile) -> None:
 
 def _band_colours(count: int) -> NDArray[np.float64]:
     """Return a colour for each band, from blue to red."""
-    from matplotlib import colormaps
-
     return np.asarray(colormaps["turbo"](np.linspace(0.08, 0.92, count)))
 
 
@@ -180,11 +151,8 @@ def _draw_response(axes: Axes, fit: SpectraFit, file: SpectraFile) -> None:
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(max(float((found / white).min()) / 1.5, 1e-4), 1.3)
-    axes.set_title("Light of the white sheet behind each filter\ndotted: by the sensor's curves",
-                   fontsize=10)  # fmt: skip
-    axes.set_xlabel("wavelength, nm")
     axes.legend(fontsize=8)
-    axes.grid(alpha=0.3)
+    _label(axes, "Light of the white sheet behind each filter\ndotted: by the sensor's curves")
 
 
 def _draw_radiances(axes: Axes, seen: Radiances) -> None:
@@ -195,7 +163,11 @@ def _draw_radiances(axes: Axes, seen: Radiances) -> None:
     if seen.lamp is not None:
         axes.plot(nm, seen.lamp, color="0.4", lw=0.8, label=f"{LAMP}, without narrow filter")
         axes.legend(fontsize=8)
-    axes.set_title("Radiance of the white sheet\nW/(sr m² nm)", fontsize=10)
-    axes.set_xlabel("wavelength, nm")
     axes.set_ylim(bottom=0)
+    _label(axes, "Radiance of the white sheet\nW/(sr m² nm)")
+
+
+def _label(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=10)
+    axes.set_xlabel("wavelength, nm")
     axes.grid(alpha=0.3)

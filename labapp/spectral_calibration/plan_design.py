@@ -15,15 +15,14 @@ from labapp.spectral_calibration.exposure_search import Exposures
 from labapp.spectral_calibration.request import REQUEST_KEY, SpectraRequest
 from optics.camera import Sensor
 
+# Exposure of the coded star's dim parts, over that at which nothing is clipped. Chosen: as in the
+# plan coded-snapshot.
 _LONGER = 8.0
-"""Exposure of the coded star's dim parts, over that at which nothing is clipped. Chosen: as in the
-plan coded-snapshot."""
 
+# Frames of each kind. Chosen: a dark frame's noise counts in all frames of its exposure.
 _STAR_REPEATS, _FLAT_REPEATS, _DARK_REPEATS = 4, 2, 4
-"""Frames of each kind. Chosen: a dark frame's noise counts in all frames of its exposure."""
 
-_STEP = 1.5
-"""Ratio of exposures that are taken as one, so that fewer dark frames are needed. Chosen."""
+_STEP = 1.5  # ratio of exposures that are taken as one, for fewer dark frames. Chosen
 
 
 def build_spectra_plan(
@@ -34,10 +33,8 @@ def build_spectra_plan(
 ) -> PlanFile:
     """Build the plan that takes all frames.
 
-    patterns: grey levels of the two patterns, whose pictures lie in the folder "patterns" beside
-        the plan.
+    patterns: grey levels of the two, whose pictures lie in the folder "patterns" beside the plan.
     exposures: seconds at which star and sheet aren't clipped.
-    sensor: limits exposures.
     """
     rounded = _round_exposures(exposures, sensor)
     longest = sensor.exposure_range[1]
@@ -79,13 +76,11 @@ def build_spectra_plan(
 
 def _round_exposures(exposures: Exposures, sensor: Sensor) -> Exposures:
     """Round exposures (seconds) down to steps, within the sensor's range."""
-    shortest, high = sensor.exposure_range
-    low = max(shortest, 1e-6)
+    low, high = max(sensor.exposure_range[0], 1e-6), sensor.exposure_range[1]
     rounded = {}
     for key, exposure in exposures.items():
         steps = np.floor(np.log(exposure / low) / np.log(_STEP) + 1e-9)
-        wanted = min(max(low * _STEP**steps, low), high)
-        rounded[key] = round_exposure(float(wanted))
+        rounded[key] = round_exposure(float(min(max(low * _STEP**steps, low), high)))
     return rounded
 
 

@@ -26,15 +26,13 @@ INSTRUMENT = "spectroradiometer"
 LAMP = "lamp"
 """Name of the column with the white sheet's light without a narrow filter."""
 
-_REPEATS = 2
-"""Measurements of each band; chosen: their difference says how well they repeat."""
+_REPEATS = 2  # of each band; chosen: their difference says how well they repeat
 
+# Least relative standard deviation of a radiance: the accuracy that the CS-2000's data sheet states
+# for a lamp of 2856 K.
 _LEAST_DEVIATION = 0.02
-"""Least relative standard deviation of a radiance: what the CS-2000's data sheet states as its
-accuracy for a lamp of 2856 K."""
 
-_ROUND_TRIP = 1e-5
-"""Smallest radiance that is written, relative to the largest: below, there is only noise."""
+_ROUND_TRIP = 1e-5  # least radiance that is written, of the largest: below, there is only noise
 
 
 @dataclass(frozen=True)
@@ -155,7 +153,6 @@ def transmission_tables(
 
     Raises UserError if a band's light, or the lamp's at a band, is nothing but noise.
 
-    found: as measured; None without a spectroradiometer.
     lamp: spectrum of the lamp on any scale, from elsewhere. The measured one is preferred.
     """
     if found is None:
@@ -173,7 +170,20 @@ def transmission_tables(
     shape = found.values.mean(1)
     centres = (shape @ (step * found.wavelengths)) / (shape @ step)
     widths = (shape @ step) / shape.max(1)
-    passed = _relative_transmission(found, lamp, light.mean(1), centres)
+    source = "radiance of the white sheet in each band"
+    if found.lamp is not None:
+        own = Spectrum(tuple(found.wavelengths), tuple(found.lamp)).at(centres)
+        source = f"{source}, over that through the open slot"
+    elif lamp is not None:
+        own = lamp.spectrum.at(centres)
+        source = f"{source}, over the lamp's spectrum {lamp.name!r}"
+    else:
+        own = None
+        source = (
+            f"{source}: lamp and filter together, as the filter has no open position. Give the "
+            "lamp's spectrum (--lamp) to tell them apart"
+        )
+    passed = None if own is None else _relative_transmission(found, light.mean(1), own)
     repeat = light.std(1, ddof=1) / light.mean(1) if light.shape[1] > 1 else np.zeros(len(light))
     sigmas = np.hypot(_LEAST_DEVIATION, repeat)
     tables = tuple(
@@ -188,23 +198,13 @@ def transmission_tables(
             zip(centres, widths, light.mean(1), strict=True)
         )
     )
-    return tables, _source_in_words(found, lamp)
+    return tables, source
 
 
 def _relative_transmission(
-    found: Radiances,
-    lamp: ViewingLight | None,
-    light: NDArray[np.float64],
-    centres: NDArray[np.float64],
-) -> NDArray[np.float64] | None:
-    """Return each band's light over the lamp's, (bands,), the largest being 1; None if no lamp."""
-    if found.lamp is not None:
-        known = Spectrum(tuple(found.wavelengths), tuple(found.lamp))
-    elif lamp is not None:
-        known = lamp.spectrum
-    else:
-        return None
-    own = known.at(centres)
+    found: Radiances, light: NDArray[np.float64], own: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return each band's light over the lamp's `own`, (bands,), the largest being 1."""
     if not (own > 0).all():
         dark = found.bands_nm[int(np.argmin(own))]
         raise UserError(
@@ -212,15 +212,3 @@ def _relative_transmission(
         )
     share = light / own
     return np.asarray(share / share.max())
-
-
-def _source_in_words(found: Radiances, lamp: ViewingLight | None) -> str:
-    """Say in words how the filter's transmission is known."""
-    if found.lamp is not None:
-        return "radiance of the white sheet in each band, over that through the open slot"
-    if lamp is not None:
-        return f"radiance of the white sheet in each band, over the lamp's spectrum {lamp.name!r}"
-    return (
-        "radiance of the white sheet in each band: lamp and filter together, as the filter has no "
-        "open position. Give the lamp's spectrum (--lamp) to tell them apart"
-    )

@@ -17,8 +17,7 @@ from labapp.common.errors import UserError
 from labapp.files.cubes import SpectralCube, cube_file, read_cube, write_cube
 from labapp.files.cubes.stored_values import StoredValues
 from labapp.spectral.lights import find_light
-from labapp.spectral.other_files import read_true_cube
-from labapp.spectral.psf_stack import read_psf_stack
+from labapp.spectral.other_files import read_psf_stack, read_true_cube
 from labapp.spectral.scores import score_cube
 
 SHARED = Path(__file__).parents[3] / "shared/data/cases/pictures"

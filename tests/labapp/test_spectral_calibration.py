@@ -27,7 +27,12 @@ from labapp.spectral.lights import ViewingLight
 from labapp.spectral.refinement import parameter_rows
 from labapp.spectral.request import SpectralRequest
 from labapp.spectral_calibration import calibrating, exposure_search, plan_design
-from labapp.spectral_calibration.command import SpectraOptions, calibrate_spectra_of_bench
+from labapp.spectral_calibration.command import (
+    SpectraOptions,
+    advice,
+    calibrate_spectra_of_bench,
+    spectra_data,
+)
 from labapp.spectral_calibration.plan_design import build_spectra_plan
 from labapp.spectral_calibration.radiances import (
     measure_radiances,
@@ -35,7 +40,6 @@ from labapp.spectral_calibration.radiances import (
     transmission_tables,
 )
 from labapp.spectral_calibration.request import SpectraRequest
-from labapp.spectral_calibration.result_report import advice, spectra_data
 from optics.light import Spectrum
 from optics.multispectral import self_calibration
 from optics.progress import Progress

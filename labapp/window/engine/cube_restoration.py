@@ -15,7 +15,6 @@ from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.files.writing import write_atomically
 from labapp.runs.record.reader import Record
 from labapp.spectral.band_list import parse_bands
-from labapp.spectral.band_selection import recorded_wavelengths
 from labapp.spectral.colour import colour_difference
 from labapp.spectral.drawing import encode_colours, srgb_levels
 from labapp.spectral.lights import ViewingLight, find_light
@@ -23,6 +22,7 @@ from labapp.spectral.problem import WHITE_PERCENTILE, SpectralProblem
 from labapp.spectral.request import SpectralRequest
 from labapp.spectral.restoration import RestoredCube, restore_snapshot
 from labapp.spectral.roles import choose_roles
+from labapp.spectral.snapshot import recorded_wavelengths
 from labapp.window.engine.band_maps import list_maps
 from labapp.window.spectral_messages import (
     CubeColours,
