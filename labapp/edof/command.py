@@ -27,8 +27,7 @@ from labapp.edof.design_analysis import (
 from labapp.edof.design_drawing import DesignDrawing, draw_design
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.design_request import EdofRequest
-from labapp.edof.design_search import search_pattern
-from labapp.edof.design_state import DesignStateFile
+from labapp.edof.design_search import DesignStateFile, search_pattern
 from labapp.files.bench_file import BenchFile, read_bench
 from labapp.files.design_file import DesignContents, Grid, write_design
 from labapp.files.state_file import StateFile

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
+from labapp.files.scene_targets import LayersTable
 from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket, merge_all
 from labapp.runs.record.reader import Record
-from labapp.studies.bricks import BRICKS_TARGET, BrickRegion, brick_regions, sharpness_rows
 from labapp.studies.catalogue.refocus import STUDY, RefocusSettings
 from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
 from labapp.studies.figure_drawing import draw_log, draw_pattern, draw_photograph
@@ -28,6 +28,74 @@ from labapp.studies.stars import acquisition_block, build_study_plan
 from optics.camera import Camera
 from optics.camera.pupil import panel_to_focus_distance
 from optics.progress import Progress
+
+BRICKS_TARGET = "bricks"
+"""Name of the target with the bricks."""
+
+BrickRegion = tuple[float, slice, slice]
+"""A brick's distance in metres, and the rows and columns of the sensor that see it."""
+
+
+def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
+    """Return where the sensor sees the bricks of the simulated scene, the nearest first.
+
+    The list is empty for a real scene, whose layout isn't known.
+    """
+    table = record.scene.targets.get(BRICKS_TARGET) if record.scene else None
+    if not isinstance(table, LayersTable):
+        return []
+    found = []
+    for layer in table.layers:
+        if layer.picture.kind != "brick":
+            continue
+        scale = camera.magnification(layer.distance_m) / camera.sensor.pitch * 1e-3
+        sides = []
+        for offset, size, pixels in zip(
+            layer.picture.offset_mm, layer.picture.size_mm, camera.sensor.shape, strict=True
+        ):
+            middle, half = pixels / 2 + offset * scale, (size / 2 + 3) * scale
+            sides.append(slice(max(0, round(middle - half)), min(pixels, round(middle + half))))
+        found.append((layer.distance_m, sides[0], sides[1]))
+    return found
+
+
+def sharpness_rows(
+    scenes: Sequence[Picture], regions: Sequence[BrickRegion], near: float
+) -> list[ResultRow]:
+    """Compare the sharpness of bricks without and with the lens on the SLM.
+
+    scenes: the pictures without and with the lens.
+    near: distance that the lens brings into focus, metres.
+    """
+    rows = []
+    for distance, y, x in regions:
+        plain, coded = (edge_steepness(scene[y, x]) for scene in scenes)
+        ratio = coded / plain
+        wanted = "more than 1" if abs(distance - near) < 0.05 else "-"
+        if distance == max(one[0] for one in regions):
+            wanted = "less than 1"
+        rows.append(
+            ResultRow(
+                f"steepest edges of the brick at {distance:g} m, with the lens over without",
+                "picture only",
+                wanted,
+                f"{ratio:.2f}",
+                ratio,
+            )
+        )
+    return rows
+
+
+def edge_steepness(picture: Picture) -> float:
+    """Return the steepness of a picture's steepest edges, relative to its range.
+
+    This is the 99th percentile of the gradient over the range of the picture's values. The gradient
+    is taken over two pixels, which reduces the influence of noise.
+    """
+    y = picture[2:, 1:-1] - picture[:-2, 1:-1]
+    x = picture[1:-1, 2:] - picture[1:-1, :-2]
+    low, high = np.percentile(picture, [1, 99])
+    return float(np.percentile(np.hypot(y, x), 99) / (high - low))
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:

@@ -4,17 +4,92 @@ from __future__ import annotations
 
 import hashlib
 import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
-from labapp.training.denoiser_patches import Colours, grey_patches
-from labapp.training.schedule import TrainingSchedule
+from labapp.common.console import out
+from labapp.common.errors import UserError
+from labapp.files.picture.colour_picture import read_screen_colours
+from labapp.files.writing import write_atomically
+from labapp.pictures.networks import weights_file
+from labapp.training.command import train_for_command
+from labapp.training.loop import TrainingResult
+from labapp.training.processes import Processes, join_processes
+from labapp.training.state import TrainingSchedule
 from labapp.training.task import VALIDATION_STEP, sample_generator
 from optics.inverse.plug_and_play import Denoiser
+
+_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
+
+Colours = NDArray[np.float32]
+
+
+def read_training_pictures(folders: Sequence[Path]) -> list[Colours]:
+    """Read every picture of folders and files, (3, rows, columns), 0 to 1.
+
+    Each picture is returned at scales of 1, 0.8 and 0.6. The order is that of the file names,
+    whatever the order of the folders. Raises UserError if there is no picture, or a file isn't one.
+    """
+    files = sorted(
+        {
+            file
+            for folder in folders
+            for file in ([folder] if folder.is_file() else folder.rglob("*"))
+            if file.suffix.lower() in _SUFFIXES
+        },
+        key=lambda file: file.name,
+    )
+    if not files:
+        raise UserError(f"{', '.join(map(str, folders))}: no picture to learn from. Name folders.")
+    return [_resize(_read(file), scale) for file in files for scale in (1.0, 0.8, 0.6)]
+
+
+def _read(file: Path) -> Colours:
+    # Blue comes first, as it did when the bundled weights were trained: draws stay the same.
+    picture = np.asarray(read_screen_colours(file)[::-1] / np.float32(255), dtype=np.float32)
+    # A longer side of more than 1100 pixels is averaged down, which sharpens the picture and
+    # removes traces of JPEG and demosaicing.
+    return _resize(picture, min(1100 / max(picture.shape[1:]), 1.0))
+
+
+def _resize(picture: Colours, scale: float) -> Colours:
+    if scale == 1:
+        return np.ascontiguousarray(picture)
+    size = [round(n * scale) for n in picture.shape[1:]][::-1]
+    return np.stack([cv2.resize(band, size, interpolation=cv2.INTER_AREA) for band in picture])
+
+
+def grey_patches(
+    pictures: Sequence[Colours], count: int, side: int, rng: np.random.Generator
+) -> torch.Tensor:
+    """Return random grey patches of pictures, (count, 1, side, side).
+
+    They are cut, rotated by multiples of 90 degrees and mirrored at random, and their grey is a
+    random mixture of the colours. The probability of a picture is proportional to its area. Raises
+    UserError if no picture is larger than a patch.
+    """
+    areas = np.array([max(p.shape[1] - side, 0) * max(p.shape[2] - side, 0) for p in pictures])
+    if not areas.any():
+        raise UserError(f"no picture is larger than a patch, {side} x {side} pixels.")
+    chosen = rng.choice(len(pictures), count, p=areas / areas.sum())
+    return torch.from_numpy(np.stack([_patch(pictures[i], side, rng) for i in chosen]))[:, None]
+
+
+def _patch(picture: Colours, side: int, rng: np.random.Generator) -> Colours:
+    y, x = (int(rng.integers(n - side + 1)) for n in picture.shape[1:])
+    mixture = rng.dirichlet(np.ones(3)).astype(np.float32)
+    grey = np.tensordot(mixture, picture[:, y : y + side, x : x + side], 1)
+    turned = np.rot90(grey, int(rng.integers(4)))
+    return np.ascontiguousarray(turned[:, ::-1] if rng.integers(2) else turned)
+
 
 STEPS = 24000
 """Steps unless others are asked for; the bundled weights have had as many. Chosen."""
@@ -133,3 +208,51 @@ def _checksum(pictures: Sequence[Colours]) -> str:
         found.update(repr(picture.shape).encode())
         found.update(np.ascontiguousarray(picture).data)
     return found.hexdigest()[:16]
+
+
+def train_denoiser(
+    folders: Sequence[Path],
+    weights: Path,
+    *,
+    steps: int | None,
+    minutes: float | None,
+    seed: int,
+    device: str,
+) -> None:
+    """Train the denoising network on pictures, and write its weights.
+
+    The state beside the weights lets interrupted training continue. Raises UserError if pictures,
+    device or kept state can't be used.
+    folders: folders of pictures, or picture files.
+    weights: file to write.
+    steps: in all.
+    minutes: time of which the number of steps is made once, in the place of `steps`.
+    seed: of all random numbers.
+    device: "auto", "cpu" or "cuda".
+    """
+    started = time.process_time()
+    with join_processes(device) as processes:
+        pictures = read_training_pictures(folders)
+        if processes.is_writer:
+            many = sum(picture[0].size for picture in pictures) / 1e6
+            out.print(f"{len(pictures)} pictures, {many:.0f} million pixels")
+        task = DenoiserTask(pictures, seed, processes.device)
+        kept = weights.with_suffix(".training")
+        schedule = denoiser_schedule(STEPS, seed)
+        result = train_for_command(task, schedule, kept, processes, steps=steps, minutes=minutes)
+        if processes.is_writer:
+            _write(result, processes, weights)
+            kept.unlink(missing_ok=True)
+            hours = (time.process_time() - started) / 3600
+            out.print(f"wrote {weights} after {hours:.2f} processor hours")
+
+
+def _write(result: TrainingResult, processes: Processes, weights: Path) -> None:
+    """Write the denoiser's weights, and print what it reached."""
+    own = {name: value.cpu() for name, value in result.weights.items()}
+    write_atomically(weights, weights_file(own))
+    shared = f", shared by {processes.count} processes" if processes.count > 1 else ""
+    out.print(
+        f"{result.steps} steps{shared}; PSNR on patches of these pictures "
+        f"{result.history[-1][1]:.2f} dB"
+    )

@@ -21,7 +21,7 @@ from labapp.common.errors import UserError
 from labapp.files.array_file import read_npz
 from labapp.files.picture.colour_picture import Colours, read_screen_colours
 from labapp.files.writing import write_atomically
-from labapp.training.picture_files import list_pictures
+from labapp.training.manifest import list_pictures
 
 Thumbnail = NDArray[np.float32]
 

@@ -20,8 +20,7 @@ import torch
 
 from labapp.files.state_file import StateFile
 from labapp.training.processes import Processes
-from labapp.training.schedule import TrainingSchedule
-from labapp.training.state import TrainingState
+from labapp.training.state import TrainingSchedule, TrainingState
 from labapp.training.task import TrainingTask
 from optics.progress import Cancelled, Progress
 from optics.threads import single_threaded

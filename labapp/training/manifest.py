@@ -9,7 +9,7 @@ from __future__ import annotations
 import fnmatch
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal
@@ -20,7 +20,33 @@ from labapp.common.errors import UserError, suggest_spelling
 from labapp.files.guarded_reading import read_bytes
 from labapp.files.reading import FileModel, read_file
 from labapp.files.writing import write_atomically
-from labapp.training.picture_files import list_pictures
+
+PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"})
+"""Endings of the files that are taken to be pictures; other files of a folder are left alone."""
+
+
+def list_pictures(folder: Path) -> list[Path]:
+    """List the pictures of a folder and the folders in it, sorted by path.
+
+    Hidden files, such as those that a Mac leaves behind, don't count. Raises UserError if the
+    folder isn't there, or has no picture.
+    """
+    if not folder.is_dir():
+        raise UserError(f"{folder}: is not a folder. Name a folder of pictures.")
+    found = sorted(_visible_pictures(folder), key=lambda file: file.relative_to(folder).as_posix())
+    if not found:
+        endings = ", ".join(sorted(PICTURE_SUFFIXES))
+        raise UserError(f"{folder}: has no picture. Name a folder of pictures ({endings}).")
+    return found
+
+
+def _visible_pictures(folder: Path) -> Iterator[Path]:
+    """Yield the pictures of a folder that aren't hidden, in no particular order."""
+    for file in folder.rglob("*"):
+        hidden = any(part.startswith(".") for part in file.relative_to(folder).parts)
+        if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file() and not hidden:
+            yield file
+
 
 Split = Literal["training", "validation"]
 """What a picture is used for: to change weights, or to choose between them."""

@@ -15,8 +15,9 @@ from labapp.training.denoiser import (
     DenoiserTask,
     DenoiserTrainingSettings,
     denoiser_schedule,
+    grey_patches,
+    read_training_pictures,
 )
-from labapp.training.denoiser_patches import grey_patches, read_training_pictures
 from labapp.training.loop import run_training
 from labapp.training.task import sample_generator
 

@@ -14,12 +14,12 @@ import torch
 from skimage.metrics import structural_similarity
 
 from labapp.edof.design_problem import EdofProblem
+from labapp.training.command import count_steps
 from labapp.training.edof import decoder_task, joint_task, optics_table
 from labapp.training.edof.captures import Captures, capture_scenes
 from labapp.training.edof.decoder_task import decode_captures, scene_losses
 from labapp.training.edof.joint_task import JointTask
 from labapp.training.processes import Processes
-from labapp.training.step_count import count_steps
 from optics.edof.learned import DecoderNetwork, WienerFront
 from optics.edof.panel_transfer import ConditionTransfer, QuarterTransfer
 from optics.edof.spectral_criterion import blind_filter

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from labapp.edof.decoder_facts import training_noise
+from labapp.edof.trained_pattern import training_noise
 from labapp.files.picture.photograph import Light
 from labapp.pictures.analysis.score import Score
 from labapp.pictures.reconstructing.decoding_request import DecodingProblem

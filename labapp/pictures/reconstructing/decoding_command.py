@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from labapp.common.console import out, print_json, print_message, print_table, terminal_progress
-from labapp.edof.decoder_facts import decoder_data, describe_decoder
+from labapp.edof.trained_pattern import decoder_data, describe_decoder
 from labapp.files.writing import write_atomically
 from labapp.pictures.reconstructing.before_after import draw_before_decoded
 from labapp.pictures.reconstructing.command import OutputFiles, score_as_data, score_rows

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from labapp.common.errors import UserError
-from labapp.edof.decoder_facts import find_trained_pattern
 from labapp.edof.decoding import PhotographDecoder, build_decoder
 from labapp.edof.shown_pattern import ShownPattern, match_shown_pattern
-from labapp.edof.trained_pattern import TrainedPattern
+from labapp.edof.trained_pattern import TrainedPattern, find_trained_pattern
 from labapp.files.picture.photograph import Light
 from labapp.pictures.analysis.score import ReferencePicture
 from labapp.pictures.reconstructing.decoding_levels import estimate_white, noise_level

@@ -12,29 +12,33 @@ from typing import Any
 import torch
 
 from labapp.common.console import out
+from labapp.common.errors import UserError
 from labapp.edof.design_problem import EdofProblem
-from labapp.edof.design_search import search_pattern
-from labapp.edof.design_state import DesignStateFile
+from labapp.edof.design_search import DesignStateFile, search_pattern
 from labapp.files.bench_file import BenchFile, read_bench
 from labapp.files.state_file import StateFile
-from labapp.training.command import show_progress, train_for_command
+from labapp.training.command import count_steps, show_progress, train_for_command
 from labapp.training.edof.captures import MixedPictures, SceneSampler
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.decoder_task import DecoderTask, decoder_schedule
-from labapp.training.edof.drawing import ShownScene, choose_scenes
 from labapp.training.edof.joint_task import JointTask, PatternWithDecoder, joint_schedule
 from labapp.training.edof.optics_table import tabulate_optics
-from labapp.training.edof.requirements import require_samples, require_usable
-from labapp.training.edof.result import TrainedResult, print_result, write_result
+from labapp.training.edof.result import (
+    ShownScene,
+    TrainedResult,
+    choose_scenes,
+    print_result,
+    write_result,
+)
 from labapp.training.edof.training_data import measure_spectrum, read_pictures
 from labapp.training.loop import TrainingResult
 from labapp.training.manifest import DataManifest
 from labapp.training.processes import Processes, join_processes
-from labapp.training.step_count import count_steps
 from labapp.training.task import TrainingTask
 from optics.edof.learned import DecoderNetwork
 from optics.edof.pattern_rating import SearchState
 from optics.edof.picture_spectrum import SpectrumModel
+from optics.slm import phase_to_grey
 from optics.threads import single_threaded
 
 DEFAULT_STEPS = 20000
@@ -298,3 +302,32 @@ def _digest(manifest: DataManifest | None) -> str:
 def _checksum(content: bytes) -> str:
     """Return a short checksum of what the result depends on, by which a change is noticed."""
     return hashlib.sha256(content).hexdigest()[:16]
+
+
+def require_usable(problem: EdofProblem, phase: torch.Tensor, config: EdofTrainingConfig) -> None:
+    """Raise UserError if a bench can't be trained for.
+
+    problem: the optics in training.
+    phase: the pattern before training, (rows, columns), radians.
+    """
+    try:
+        problem.transfer(config.wavelength)
+        phase_to_grey(problem.camera.panel, phase, config.wavelength, 1)
+    except ValueError as error:
+        raise UserError(
+            f"train edof, bench {problem.request.bench}, wavelength_nm = "
+            f"{config.wavelength_nm:g}: {error}."
+        ) from error
+
+
+def require_samples(config: EdofTrainingConfig, processes: Processes) -> None:
+    """Raise UserError if a step has fewer scenes than there are processes."""
+    tables = {"training": config.training.samples}
+    if config.joint.share:
+        tables["joint"] = config.joint.samples
+    for name, samples in tables.items():
+        if samples < processes.count:
+            raise UserError(
+                f"samples = {samples} in [{name}]: there are {processes.count} processes. Give as "
+                "many scenes, or start fewer processes."
+            )

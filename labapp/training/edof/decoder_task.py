@@ -17,7 +17,7 @@ from labapp.training.edof.captures import (
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.depth_choice import depth_indices
 from labapp.training.edof.optics_table import OpticsTable
-from labapp.training.schedule import TrainingSchedule
+from labapp.training.state import TrainingSchedule
 from labapp.training.task import VALIDATION_STEP
 from optics.edof.learned import DecoderNetwork, WienerFront
 from optics.edof.learned.decoder_network import encode_screen, fit_psf

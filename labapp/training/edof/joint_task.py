@@ -29,7 +29,7 @@ from labapp.training.edof.optics_table import (
     transfer_on_axis,
 )
 from labapp.training.processes import Processes
-from labapp.training.schedule import TrainingSchedule
+from labapp.training.state import TrainingSchedule
 from optics.edof.learned import DecoderNetwork
 from optics.edof.learned.wiener_front import DepthStatistics, add_unmodulated_light
 
