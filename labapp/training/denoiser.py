@@ -1,4 +1,4 @@
-"""Train the denoiser of plug-and-play restoration on photographs."""
+"""`labapp train denoiser`: train the denoiser of plug-and-play restoration on photographs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import hashlib
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,7 @@ from labapp.files.picture.colour_picture import read_screen_colours
 from labapp.files.writing import write_atomically
 from labapp.pictures.networks import weights_file
 from labapp.training.command import train_for_command
-from labapp.training.loop import TrainingResult
-from labapp.training.processes import Processes, join_processes
+from labapp.training.processes import join_processes
 from labapp.training.state import TrainingSchedule
 from labapp.training.task import VALIDATION_STEP, sample_generator
 from optics.inverse.plug_and_play import Denoiser
@@ -98,22 +96,16 @@ _VALIDATED_PATCHES = 32
 """Patches whose PSNR is the score. Chosen: they take about as long as a step."""
 
 
-@dataclass(frozen=True)
-class DenoiserTrainingSettings:
-    """Tune what the denoiser is trained on.
+_NOISE_LEVELS = (0.004, 0.25)
+"""Lowest and highest standard deviation of the noise, relative to white; the logarithm is drawn
+evenly between them. Chosen."""
 
-    noise_levels: lowest and highest standard deviation of the noise, relative to white; the
-    logarithm is drawn evenly between them. Chosen.
-    patches: of a step. Chosen.
-    side: of a patch, pixels. Chosen.
-    level_power: the error of a patch is divided by its noise level to this power. Chosen: about as
-    the error of a good denoiser grows, so that all levels count alike.
-    """
+_PATCHES, _SIDE = 16, 64
+"""Patches of a step, and pixels along a side of each. Chosen."""
 
-    noise_levels: tuple[float, float] = (0.004, 0.25)
-    patches: int = 16
-    side: int = 64
-    level_power: float = 0.7
+_LEVEL_POWER = 0.7
+"""The error of a patch is divided by its noise level to this power. Chosen: about as the error of a
+good denoiser grows, so that all levels count alike."""
 
 
 def denoiser_schedule(steps: int, seed: int) -> TrainingSchedule:
@@ -129,49 +121,35 @@ class DenoiserTask:
     seed: of the first weights and of all random numbers.
     """
 
-    def __init__(
-        self,
-        pictures: Sequence[Colours],
-        seed: int,
-        device: torch.device,
-        settings: DenoiserTrainingSettings | None = None,
-    ) -> None:
+    def __init__(self, pictures: Sequence[Colours], seed: int, device: torch.device) -> None:
         self._pictures, self._seed, self._device = pictures, seed, device
-        self._own = settings or DenoiserTrainingSettings()
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self._network = Denoiser().to(device)
-        self._settings = {
+            self.module = Denoiser().to(device)
+        self.samples = _PATCHES
+        checksum = hashlib.sha256()
+        for picture in pictures:
+            checksum.update(repr(picture.shape).encode())
+            checksum.update(np.ascontiguousarray(picture).data)
+        self.settings: Mapping[str, Any] = {
             "trained": "denoiser",
-            "pictures": _checksum(pictures),
+            "pictures": checksum.hexdigest()[:16],
             "seed": seed,
-            **asdict(self._own),
+            "noise_levels": _NOISE_LEVELS,
+            "patches": _PATCHES,
+            "side": _SIDE,
+            "level_power": _LEVEL_POWER,
         }
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """Seed, tuning and a checksum of the pictures."""
-        return self._settings
-
-    @property
-    def module(self) -> torch.nn.Module:
-        """The denoising network."""
-        return self._network
-
-    @property
-    def samples(self) -> int:
-        """Patches of a step."""
-        return self._own.patches
 
     def parameter_groups(self) -> list[dict[str, Any]]:
         """Return all weights, as one group."""
-        return [{"params": list(self._network.parameters()), "rate": 1.0}]
+        return [{"params": list(self.module.parameters()), "rate": 1.0}]
 
     def losses(self, step: int, samples: Sequence[int]) -> torch.Tensor:
         """Return the denoiser's error in each patch of a step, weighted by noise level."""
         clean, noisy, level = self._draw_patches(step, samples)
-        errors = (self._network(noisy, level) - clean).abs().mean((1, 2, 3))
-        return errors / level**self._own.level_power
+        errors = (self.module(noisy, level) - clean).abs().mean((1, 2, 3))
+        return errors / level**_LEVEL_POWER
 
     def validate(self) -> float:
         """Return the mean PSNR in dB of denoised patches, on which no step is trained.
@@ -180,7 +158,7 @@ class DenoiserTask:
         whether training goes well; it is no judgement of the denoiser on other pictures.
         """
         clean, noisy, level = self._draw_patches(VALIDATION_STEP, range(_VALIDATED_PATCHES))
-        errors = (self._network(noisy, level) - clean).square().mean((1, 2, 3))
+        errors = (self.module(noisy, level) - clean).square().mean((1, 2, 3))
         return float(-10 * errors.log10().mean())
 
     def _draw_patches(
@@ -195,19 +173,11 @@ class DenoiserTask:
 
     def _draw_patch(self, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor, float]:
         """Draw a sharp patch, white noise of unit variance, and a noise level."""
-        clean = grey_patches(self._pictures, 1, self._own.side, rng)
-        low, high = map(math.log, self._own.noise_levels)
+        clean = grey_patches(self._pictures, 1, _SIDE, rng)
+        low, high = map(math.log, _NOISE_LEVELS)
         level = math.exp(rng.uniform(low, high))
         noise = torch.from_numpy(rng.standard_normal(clean.shape, dtype=np.float32))
         return clean, noise, level
-
-
-def _checksum(pictures: Sequence[Colours]) -> str:
-    found = hashlib.sha256()
-    for picture in pictures:
-        found.update(repr(picture.shape).encode())
-        found.update(np.ascontiguousarray(picture).data)
-    return found.hexdigest()[:16]
 
 
 def train_denoiser(
@@ -241,18 +211,13 @@ def train_denoiser(
         schedule = denoiser_schedule(STEPS, seed)
         result = train_for_command(task, schedule, kept, processes, steps=steps, minutes=minutes)
         if processes.is_writer:
-            _write(result, processes, weights)
+            own = {name: value.cpu() for name, value in result.weights.items()}
+            write_atomically(weights, weights_file(own))
+            shared = f", shared by {processes.count} processes" if processes.count > 1 else ""
+            out.print(
+                f"{result.steps} steps{shared}; PSNR on patches of these pictures "
+                f"{result.history[-1][1]:.2f} dB"
+            )
             kept.unlink(missing_ok=True)
             hours = (time.process_time() - started) / 3600
             out.print(f"wrote {weights} after {hours:.2f} processor hours")
-
-
-def _write(result: TrainingResult, processes: Processes, weights: Path) -> None:
-    """Write the denoiser's weights, and print what it reached."""
-    own = {name: value.cpu() for name, value in result.weights.items()}
-    write_atomically(weights, weights_file(own))
-    shared = f", shared by {processes.count} processes" if processes.count > 1 else ""
-    out.print(
-        f"{result.steps} steps{shared}; PSNR on patches of these pictures "
-        f"{result.history[-1][1]:.2f} dB"
-    )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.picture.colour_picture import Colours, read_screen_colours
 from labapp.training.fingerprints import read_test_fingerprints
-from labapp.training.manifest import DataManifest, ListedFile, Split, list_training_files
+from labapp.training.manifest import DataManifest, Split, list_training_files
 from labapp.training.near_duplicates import NearDuplicateFinder, refuse_near_duplicates
 from optics.progress import Progress
 
@@ -150,9 +150,8 @@ def _halve_repeatedly(picture: Colours, edge: float) -> list[Colours]:
         rows, columns = (n // 2 for n in sizes[-1].shape[1:])
         whole = sizes[-1][:, : 2 * rows, : 2 * columns]
         way = cv2.INTER_AREA
-        sizes.append(
-            np.stack([cv2.resize(one, (columns, rows), interpolation=way) for one in whole])
-        )
+        bands = [cv2.resize(one, (columns, rows), interpolation=way) for one in whole]
+        sizes.append(np.stack(bands))
     return sizes
 
 
@@ -180,18 +179,25 @@ def read_training_data(
     if test_pictures:
         finder = NearDuplicateFinder(read_test_fingerprints(test_pictures))
     held, matches = _HeldPictures(smallest_side), []
-    for index, listed in enumerate(files):
+    for index, (file, entry) in enumerate(files):
         if progress is not None:
-            progress.report(index / len(files), f"read {listed.entry.path}")
-        picture = _decode_checked(listed, smallest_side)
+            progress.report(index / len(files), f"read {entry.path}")
+        picture = read_screen_colours(file)
+        rows, columns = picture.shape[1:]
+        if min(rows, columns) < smallest_side:
+            raise UserError(
+                f"{file}: is {columns} x {rows} pixels, smaller than a patch of "
+                f"{smallest_side} x {smallest_side}. Take it out of the folder, or choose smaller "
+                "patches."
+            )
         test = None if finder is None else finder.find(picture)
         if test is not None:
-            matches.append((str(listed.file), test))
+            matches.append((str(file), test))
         held.add(picture)
     refuse_near_duplicates(matches)
     if progress is not None:
         progress.report(1.0, f"read {len(files)} pictures")
-    entries = tuple(listed.entry for listed in files)
+    entries = tuple(entry for _, entry in files)
     manifest = DataManifest(pictures=entries, left_out=left_out, longest_side=held.longest_side)
     splits = [one.split for one in entries]
     return TrainingPictures(held.pictures, splits, shortest_edges), manifest
@@ -231,16 +237,3 @@ class _HeldPictures:
         size = (math.ceil(columns * scale), math.ceil(rows * scale))
         bands = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in picture]
         return np.stack(bands)
-
-
-def _decode_checked(listed: ListedFile, smallest_side: int) -> Colours:
-    """Decode a picture; raise UserError if it is smaller than a patch."""
-    picture = read_screen_colours(listed.file)
-    rows, columns = picture.shape[1:]
-    if min(rows, columns) < smallest_side:
-        raise UserError(
-            f"{listed.file}: is {columns} x {rows} pixels, smaller than a patch of "
-            f"{smallest_side} x {smallest_side}. Take it out of the folder, or choose smaller "
-            "patches."
-        )
-    return picture

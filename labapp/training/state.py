@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,9 +73,6 @@ class TrainingSchedule:
         return min(self.average_decay, updates / (updates + _EARLY_STEPS))
 
 
-_PRECISIONS = (torch.float32, torch.float64)
-
-
 class TrainingState:
     """The state from which a training goes on bit by bit as it would have.
 
@@ -92,7 +87,14 @@ class TrainingState:
     def __init__(
         self, task: TrainingTask, schedule: TrainingSchedule, processes: Processes
     ) -> None:
-        _require_suitable(task, processes)
+        if task.samples < processes.count:
+            raise ValueError(
+                f"samples is {task.samples} for {processes.count} processes; start fewer "
+                "processes, so that each has a sample of every step"
+            )
+        for name, value in task.module.named_parameters():
+            if value.dtype not in (torch.float32, torch.float64):
+                raise ValueError(f"{name} is {value.dtype}; train in float32 or float64")
         self._task, self._schedule, self._processes = task, schedule, processes
         self._parameters = [one for one in task.module.parameters() if one.requires_grad]
         groups = [dict(one) for one in task.parameter_groups()]
@@ -124,12 +126,16 @@ class TrainingState:
         self.step += 1
         return loss
 
-    def validate(self) -> float:
+    def validate(self) -> None:
         """Rate the averaged weights, and note the score in the history."""
-        with self._averaged_weights(), torch.no_grad():
-            score = float(self._task.validate())
-        self.history.append((self.step, score))
-        return score
+        module = self._task.module
+        own = _copy_weights(module)
+        module.load_state_dict(self.average)
+        try:
+            with torch.no_grad():
+                self.history.append((self.step, float(self._task.validate())))
+        finally:
+            module.load_state_dict(own)
 
     def as_data(self) -> dict[str, Any]:
         """Return the state as tensors in dicts and lists, and plain data."""
@@ -172,10 +178,6 @@ class TrainingState:
         for group, factor in zip(self._optimiser.param_groups, self._factors, strict=True):
             group["lr"] = rate * factor
         self._optimiser.step()
-        self._update_average()
-
-    def _update_average(self) -> None:
-        """Move the running mean of the weights towards the new ones."""
         decay = self._schedule.decay(self.step + 1 - self.skipped)
         for name, value in self._task.module.state_dict().items():
             if value.is_floating_point():
@@ -183,30 +185,7 @@ class TrainingState:
             else:
                 self.average[name].copy_(value)
 
-    @contextmanager
-    def _averaged_weights(self) -> Iterator[None]:
-        """Put the averaged weights into the module while the block runs."""
-        module = self._task.module
-        own = _copy_weights(module)
-        module.load_state_dict(self.average)
-        try:
-            yield
-        finally:
-            module.load_state_dict(own)
-
 
 def _copy_weights(module: torch.nn.Module) -> dict[str, torch.Tensor]:
     """Return a copy of a module's weights, by name."""
     return {name: value.detach().clone() for name, value in module.state_dict().items()}
-
-
-def _require_suitable(task: TrainingTask, processes: Processes) -> None:
-    """Raise ValueError for too few samples, or for weights in half precision."""
-    if task.samples < processes.count:
-        raise ValueError(
-            f"samples is {task.samples} for {processes.count} processes; start fewer processes, so "
-            "that each has a sample of every step"
-        )
-    for name, value in task.module.named_parameters():
-        if value.dtype not in _PRECISIONS:
-            raise ValueError(f"{name} is {value.dtype}; train in float32 or float64")

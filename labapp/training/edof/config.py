@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,23 +23,14 @@ Count = Annotated[int, Field(gt=0)]
 class PatternTable(FileModel):
     """The pattern before training: designed without pictures, or taken as it is.
 
-    Attributes
-    ----------
-    start : str
-        One of rings, sweep, lattice, cubic and flat, or a design file.
-    parameters : str
-        How the pattern is described: quarter (mirrored), radial, free, separable or
-        separable-mirrored. The symmetry stays in training.
-    design_steps : int
-        Steps of the design without pictures, as by `labapp design edof`; 0 takes the start as it
-        is.
-    design_noise : float
-        Standard deviation of the noise that is designed for, where white is 1.
-    fringing_um : float
-        Blur of the panel's phase by fringing fields, its standard deviation in micrometres, that
-        the pattern shall stand although the decoder doesn't know of it; 0 for none.
-    response_error : float
-        Relative error of the panel's response that it shall stand likewise, 0 to 0.5.
+    start: one of STARTS, or a design file.
+    parameters: how the pattern is described; the symmetry stays in training.
+    design_steps: of the design without pictures, as by `labapp design edof`; 0 takes the start as
+    it is.
+    design_noise: standard deviation of the noise that is designed for, where white is 1.
+    fringing_um: blur of the panel's phase by fringing fields, its standard deviation, that the
+    pattern shall stand although the decoder doesn't know of it; 0 for none.
+    response_error: relative error of the panel's response that it shall stand likewise.
     """
 
     start: str = "rings"
@@ -68,26 +58,17 @@ class PatternTable(FileModel):
 class ScenesTable(FileModel):
     """What is in front of the camera in training.
 
-    Attributes
-    ----------
-    light : {"srgb", "linear"}
-        Whether pictures' sRGB values are taken as light, or decoded to light. Decoders of linear
-        light work in sRGB within, and are scored there.
-    binning : int
-        Sensor pixels along a side of the squares that are averaged into a pixel.
-    shortest_edges : [low, high]
-        Range of pixels of the shortest edge to which photographs are averaged down, so that they
-        are sharp; smaller ones stay as they are.
-    layered_share : float
-        Share of scenes with several layers that hide each other, 0 to 1.
-    most_layers : int
-        Most layers of such a scene.
-    spectrum : {"natural", "measured"}
-        The power spectrum that patterns and filters take pictures to have: that of natural
-        photographs at full resolution, or that of the training's own pictures.
-    procedural_share : float
-        Share of pictures that are drawn instead of cut from photographs, 0 to 1. Without
-        photographs all are.
+    light: whether pictures' sRGB values are taken as light, or decoded to light. Decoders of linear
+    light work in sRGB within, and are scored there.
+    binning: sensor pixels along a side of the squares that are averaged into a pixel.
+    shortest_edges: range of pixels of the shortest edge to which photographs are averaged down, so
+    that they are sharp; smaller ones stay as they are.
+    layered_share, most_layers: share of scenes with several layers that hide each other, and the
+    most layers of one.
+    spectrum: the power spectrum that patterns and filters take pictures to have: that of natural
+    photographs at full resolution, or that of the training's own pictures.
+    procedural_share: share of pictures that are drawn instead of cut from photographs. Without
+    photographs all are.
     """
 
     light: Literal["srgb", "linear"] = "srgb"
@@ -107,14 +88,8 @@ class ScenesTable(FileModel):
 class CaptureTable(FileModel):
     """The noise and the unmodulated light of captures in training.
 
-    Attributes
-    ----------
-    noise : [low, high]
-        Range of the standard deviation, where white is 1.
-    spread : {"even", "logarithmic"}
-        Whether the deviation or its logarithm is drawn evenly.
-    unmodulated : [low, high]
-        Range of the share of light that the panel leaves unmodulated, 0 to 1.
+    noise: range of the standard deviation, where white is 1; it or its logarithm is drawn evenly.
+    unmodulated: range of the share of light that the panel leaves unmodulated.
     """
 
     noise: tuple[Positive, Positive] = (0.001, 0.02)
@@ -135,15 +110,10 @@ class CaptureTable(FileModel):
 class DepthsTable(FileModel):
     """The depths of training.
 
-    Attributes
-    ----------
-    count : int
-        Depths whose transfer functions are kept: midpoints of equal parts of the range.
-    importance : {"even", "focus-shift"}
-        How depths are drawn: evenly in dioptres, in which equal steps defocus equally; or by how
-        much the PSF changes with the distance in metres (thesis Eq. 5.10).
-    distances_m : list of float
-        Distances in metres that are drawn instead, all equally often; for a published procedure.
+    count: depths whose transfer functions are kept: midpoints of equal parts of the range.
+    importance: how depths are drawn: evenly in dioptres, in which equal steps defocus equally; or
+    by how much the PSF changes with the distance in metres (thesis Eq. 5.10).
+    distances_m: drawn instead, all equally often; for a published procedure.
     """
 
     count: Count = 256
@@ -152,16 +122,10 @@ class DepthsTable(FileModel):
 
 
 class DecoderTable(FileModel):
-    """The decoder: a filter before a U-Net.
+    """The decoder: a filter before a U-Net, whose size `optics.edof.learned.NetworkShape` tells.
 
-    Attributes
-    ----------
-    front : {"blind", "known", "none"}
-        One filter for all depths, that of the capture's depth, or none.
-    psf_channel : bool
-        Whether the network is given the true PSF, as the published code does.
-    channels, levels, fold, convolutions, dilations, overlapping
-        The network's size; see `optics.edof.learned.NetworkShape`.
+    front: one filter for all depths, that of the capture's depth, or none.
+    psf_channel: whether the network is given the true PSF, as the published code does.
     """
 
     front: Literal["blind", "known", "none"] = "blind"
@@ -175,41 +139,19 @@ class DecoderTable(FileModel):
 
     def settings(self, light: Literal["srgb", "linear"]) -> DecoderSettings:
         """Return the settings of the decoder for captures of some light."""
-        shape = NetworkShape(
-            self.channels,
-            self.levels,
-            self.fold,
-            self.convolutions,
-            self.dilations,
-            self.overlapping,
-        )
+        size = self.channels, self.levels, self.fold, self.convolutions
+        shape = NetworkShape(*size, self.dilations, self.overlapping)
         return DecoderSettings(shape, self.front, self.psf_channel, light)
 
 
 class TrainingTable(FileModel):
-    """How the decoder is trained.
+    """How the decoder is trained; rates, decay and clip are as in `TrainingSchedule`.
 
-    Attributes
-    ----------
-    side : int
-        Pixels along a side of a scene, which is periodic; even.
-    samples : int
-        Scenes of a step.
-    loss : {"level", "squared"}
-        The mean of the logarithm of a scene's mean squared error, which is that of the PSNR in dB,
-        or of the mean squared error itself (thesis Eq. 5.9).
-    structure_weight : float
-        Weight of 1 - SSIM, which is added to the loss "level"; 0 leaves it out.
-    first_rate, last_rate : float
-        Learning rate after the warm-up and at the end; half a cosine joins them.
-    warm_up : int
-        Steps over which the rate grows.
-    average_decay : float
-        Decay of the running mean of the weights, which is the result.
-    clip : float
-        Largest norm of a gradient.
-    validation_interval, validation_scenes : int
-        Steps between validations, and scenes of each.
+    side: pixels along a side of a scene, which is periodic; even.
+    samples: scenes of a step.
+    loss: the mean of the logarithm of a scene's mean squared error, which is that of the PSNR in
+    dB, or of the mean squared error itself (thesis Eq. 5.9).
+    structure_weight: of 1 - SSIM, which is added to the loss "level"; 0 leaves it out.
     """
 
     side: Annotated[int, Field(ge=32)] = 128
@@ -240,19 +182,12 @@ class TrainingTable(FileModel):
 class JointTable(FileModel):
     """The joint training of pattern and decoder, after that of the decoder alone.
 
-    Attributes
-    ----------
-    share : float
-        Share of all steps, 0 to 1; 0 leaves the pattern as designed.
-    samples : int
-        Scenes of a step; each has one depth whose transfer function is computed anew.
-    first_rate, last_rate : float
-        Learning rates of the decoder.
-    pattern_rate : float
-        Learning rate of the pattern in radians, at the first rate; 0 keeps the pattern, for a
-        comparison.
-    parts : int
-        Parts of the range of depths whose transfer functions are remembered for the filter.
+    share: of all steps; 0 leaves the pattern as designed.
+    samples: scenes of a step; each has one depth whose transfer function is computed anew.
+    first_rate, last_rate: learning rates of the decoder.
+    pattern_rate: learning rate of the pattern in radians, at the first rate; 0 keeps the pattern,
+    for a comparison.
+    parts: of the range of depths, whose transfer functions are remembered for the filter.
     """
 
     share: Share = 0.15
@@ -359,16 +294,13 @@ class EdofTrainingConfig(FileModel):
 
     def as_settings(self) -> dict[str, Any]:
         """Return all keys and values side by side, as "config.training.side"."""
-        return dict(_flatten("config", self.as_data()))
-
-
-def _flatten(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the keys and values of a table, with the table's name before them."""
-    if not isinstance(value, Mapping):
-        yield name, value
-        return
-    for key, one in value.items():
-        yield from _flatten(f"{name}.{key}", one)
+        found: dict[str, Any] = {}
+        for name, value in self.as_data().items():
+            if isinstance(value, dict):
+                found |= {f"config.{name}.{key}": one for key, one in value.items()}
+            else:
+                found[f"config.{name}"] = value
+        return found
 
 
 def read_edof_config(path: Path) -> EdofTrainingConfig:
