@@ -87,11 +87,9 @@ def read_trained_pattern(path: Path) -> TrainedPattern:
     stored = contents.decoder.settings
     try:
         network = DecoderNetwork(DecoderSettings.from_data(stored["decoder"]))
+        weights = contents.decoder.weights.items()
         network.load_state_dict(
-            {
-                name: torch.from_numpy(value.astype(np.float32))
-                for name, value in contents.decoder.weights.items()
-            }
+            {name: torch.from_numpy(value.astype(np.float32)) for name, value in weights}
         )
         spectrum = SpectrumModel(
             tuple(tuple(row) for row in stored["spectrum"]["coefficients"]),
@@ -171,8 +169,10 @@ def describe_decoder(pattern: TrainedPattern) -> str:
     """Say in a line what a decoder is, and what it was trained on and for."""
     far, near = pattern.depth_range
     low, high = training_noise(pattern)
+    digest = str(pattern.account.get("data", ""))
+    data = "drawn pictures" if digest in ("", "drawn") else f"photographs (list {digest[:8]})"
     return (
-        f"{name_decoder(pattern)}, trained on {_describe_data(pattern)} for {far:g} to {near:g} "
+        f"{name_decoder(pattern)}, trained on {data} for {far:g} to {near:g} "
         f"dioptres at {1e9 * pattern.wavelength:g} nm, noise {low:g} to {high:g} of white"
     )
 
@@ -199,11 +199,3 @@ def training_noise(pattern: TrainedPattern) -> tuple[float, float]:
     """Return the least and the largest noise of the training, where white is 1."""
     low, high = pattern.config["capture"]["noise"]
     return float(low), float(high)
-
-
-def _describe_data(pattern: TrainedPattern) -> str:
-    """Say what pictures the training saw: drawn ones, or photographs of a list."""
-    digest = str(pattern.account.get("data", ""))
-    if digest in ("", "drawn"):
-        return "drawn pictures"
-    return f"photographs (list {digest[:8]})"
