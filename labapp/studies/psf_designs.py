@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import torch
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from labapp.files.cubes import SpectralCube
 from labapp.files.cubes.cube import SHARE_OF_WHITE
 from labapp.files.plan_file import PlanFile, Reconstruction
+from labapp.files.wavelengths import format_nanometres
 from labapp.pictures.analysis.brackets import merge_all
 from labapp.runs.record.reader import Record
 from labapp.spectral.band_psfs import measure_band_psfs
@@ -31,7 +33,7 @@ from labapp.studies.design_judgement import (
     judge_design,
     longest_radius,
 )
-from labapp.studies.spectral_figures import draw_colours, psf_figure
+from labapp.studies.figure_drawing import draw_colours, draw_log
 from labapp.studies.stars import build_study_plan, psf_pattern_table
 from optics.camera import Camera
 from optics.multispectral import restore_spectra, ring_psfs
@@ -104,7 +106,7 @@ def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) ->
     ]
     figures = [
         _colours_figure(found, wavelengths, settings),
-        psf_figure(
+        _psfs_figure(
             {name: one.psfs for name, one in found.items()},
             wavelengths,
             "Fig. 4.4 and Fig. A.1 to A.3, 4 decades below the design's peak.",
@@ -226,3 +228,17 @@ def _colours_figure(
     for axes in all_axes[len(pictures) :]:
         axes.set_axis_off()
     return StudyFigure("Restored charts", figure, "Fig. 4.10 and 4.11: colours in D65.")
+
+
+def _psfs_figure(
+    stacks: Mapping[str, NDArray[Any]], wavelengths: tuple[float, ...], caption: str
+) -> StudyFigure:
+    """Draw the PSFs of designs, a row for each design and a column for each band."""
+    rows, count = len(stacks), len(wavelengths)
+    figure = Figure(figsize=(2.2 * count, 2.4 * rows), dpi=100, layout="constrained")
+    axes = figure.subplots(rows, count, squeeze=False)
+    for row, (name, stack) in zip(axes, stacks.items(), strict=True):
+        peak = float(stack.max())
+        for one, psf, wavelength in zip(row, stack, wavelengths, strict=True):
+            draw_log(one, psf, f"{name}, {format_nanometres(wavelength)}", peak)
+    return StudyFigure("PSFs", figure, caption)
