@@ -126,8 +126,8 @@ def move_picture(picture: Picture, shift: tuple[float, float]) -> Picture:
 
 def _frequencies(shape: tuple[int, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the frequencies (y, x) of the grid of rfft2, cycles per pixel."""
-    rows, columns = shape
-    return np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)[None, :]
+    down, along = np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
+    return np.asarray(down[:, None], np.float64), np.asarray(along[None, :], np.float64)
 
 
 def likeness_over_depth(psfs: PSFs, name: str) -> float:

@@ -42,10 +42,7 @@ def evaluate(record: Record, settings: MultispectralSettings, progress: Progress
     problem = read_problem(record, progress.part(0, 0.4))
     restored = restore_snapshot(problem, light, progress=progress.part(0.4, 0.95))
     assert restored.scores is not None
-    figures = [
-        _overview_figure(problem, restored, light),
-        _bands_figure(problem, restored),
-    ]
+    figures = [_overview_figure(problem, restored, light), _bands_figure(problem, restored)]
     notes = [
         "PSNR (peak 1, which is white) and SSIM (range 1) are over the whole frame, against the "
         "photographs without a pattern. Those are demosaiced pictures of one colour: a quarter or "

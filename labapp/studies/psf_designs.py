@@ -54,18 +54,15 @@ _PUBLISHED_TWELVE = 35.4812
 
 def plan(settings: PSFDesignSettings, camera: Camera) -> PlanFile:
     """Plan the star in all bands, without a pattern and with that of each shape."""
-    patterns: dict[str, Any] = {
-        shape: _pattern(shape, settings) for shape in dict.fromkeys(settings.shapes)
-    }
+    patterns: dict[str, Any] = {}
+    for shape in dict.fromkeys(settings.shapes):
+        if shape == "ring":
+            patterns[shape] = ring_table(settings)
+        else:
+            more = {"turns": settings.turns} if shape == "spiral" else {"count": settings.dots}
+            table = psf_pattern_table(settings, shape, radius_um=settings.radius_um, **more)
+            patterns[shape] = table
     return build_study_plan(STUDY, patterns, *star_blocks(settings, patterns))
-
-
-def _pattern(shape: str, settings: PSFDesignSettings) -> dict[str, Any]:
-    """Return the plan table of the pattern whose PSF has a shape."""
-    if shape == "ring":
-        return ring_table(settings)
-    more = {"turns": settings.turns} if shape == "spiral" else {"count": settings.dots}
-    return psf_pattern_table(settings, shape, radius_um=settings.radius_um, **more)
 
 
 def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) -> StudyResults:
@@ -73,7 +70,7 @@ def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) ->
     wavelengths = tuple(one * 1e-9 for one in settings.bands_nm)
     camera = record.camera
     mosaic = mosaic_of(record) or bundled_mosaic()
-    measured = _measure_psfs(record, settings, camera, wavelengths, progress.part(0, 0.2))
+    measured = _measure_psfs(record, settings, wavelengths, progress.part(0, 0.2))
     drawn = draw_designs(settings, camera, wavelengths)
     stacks = {f"{name}, bench": one for name, one in measured.items()}
     stacks |= {f"{name}, drawn": one for name, one in drawn.items()}
@@ -127,21 +124,16 @@ def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) ->
 def _measure_psfs(
     record: Record,
     settings: PSFDesignSettings,
-    camera: Camera,
     wavelengths: Sequence[float],
     progress: Progress,
 ) -> dict[str, Stack]:
     """Measure the PSFs of each pattern on the star, each of sum 1."""
     brackets = merge_all(record, progress, {"star"})
-    window = psf_window(settings, camera)
-    return {
-        shape: measure_band_psfs(
-            record, brackets, Reconstruction(coded=shape, psf_window_px=window), wavelengths
-        )
-        .with_unit_sums()
-        .psfs
-        for shape in dict.fromkeys(settings.shapes)
-    }
+    window, found = psf_window(settings, record.camera), dict[str, Stack]()
+    for shape in dict.fromkeys(settings.shapes):
+        roles = Reconstruction(coded=shape, psf_window_px=window)
+        found[shape] = measure_band_psfs(record, brackets, roles, wavelengths).with_unit_sums().psfs
+    return found
 
 
 def _power_rows(found: Mapping[str, DesignResult], bands: int) -> list[ResultRow]:
@@ -209,9 +201,7 @@ def _twelve_row(
 
 
 def _colours_figure(
-    found: Mapping[str, DesignResult],
-    wavelengths: tuple[float, ...],
-    settings: PSFDesignSettings,
+    found: Mapping[str, DesignResult], wavelengths: tuple[float, ...], settings: PSFDesignSettings
 ) -> StudyFigure:
     """Draw the colours of the chart that each design restores."""
     light = find_light("D65")

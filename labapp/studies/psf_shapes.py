@@ -94,14 +94,14 @@ def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> St
     found = measure_psfs(record, shapes, settings.wavelength_nm, window_px=128, progress=progress)
     rows = [_row(shape, report) for shape, report in found.items()]
     camera = record.camera
-    first = next(iter(found.values()))
+    first = next(iter(found.values())).unmodulated
     rows.append(
         ResultRow(
             "light that no pattern moves, in the central peak",
             "a prominent central peak (no number)",
             f"{_format_percent(camera.panel.unmodulated)} (bench file)",
-            _format_percent(first.unmodulated),
-            first.unmodulated,
+            _format_percent(first),
+            first,
         )
     )
     plates = [_overview(record, found)]
@@ -123,15 +123,15 @@ def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> St
 
 def _row(shape: str, report: PSFReport) -> ResultRow:
     """Return the row of a shape: light within it, likeness and speckle."""
-    ours = _measured_quality(report)
-    asked = (
-        {} if report.predicted is None else _shape_quality(_predicted_modulated_psf(report), report)
-    )
+    ours, asked = _measured_quality(report), "-"
+    if report.predicted is not None:
+        modulated = report.predicted - report.unmodulated * report.neutral
+        asked = _quality_text(_shape_quality(modulated, report))
     name = "EI letters" if shape == "letters" else shape
     return ResultRow(
         f"{name}: light within it, likeness, speckle",
         "picture only" if shape in PUBLISHED_SHAPES else "see below",
-        _quality_text(asked) if asked else "-",
+        asked,
         _quality_text(ours),
         ours["light"],
     )
@@ -156,11 +156,6 @@ def _shape_quality(
         "correlation": correlation(shape, target),
         "contrast": metrics.speckle_contrast(shape, target, noise),
     }
-
-
-def _predicted_modulated_psf(report: PSFReport) -> Picture:
-    assert report.predicted is not None
-    return report.predicted - report.unmodulated * report.neutral
 
 
 def _quality_text(figures: Mapping[str, float]) -> str:
@@ -217,17 +212,13 @@ def _ring_figure(report: PSFReport, camera: Camera, settings: ShapesSettings) ->
     figure = Figure(figsize=(11, 5.4), dpi=100, layout="constrained")
     left, right = figure.subplots(1, 2)
     grey = read_published_ring()
-    half_samples = grey.shape[0] / 2
     draw_linear(left, grey, "published, computed by its authors (569 iterations)")
     draw_linear(right, report.modulated_psf, "ours, through the bench")
     # Both pictures show the same part of the image plane.
-    sample = (
-        published_ring_sizes(camera, settings.wavelength_nm * 1e-9)[0]
-        / RING_RADIUS_SAMPLES
-        / camera.sensor.pitch
-    )
+    radius, _ = published_ring_sizes(camera, settings.wavelength_nm * 1e-9)
+    sample = radius / RING_RADIUS_SAMPLES / camera.sensor.pitch
     middle = report.modulated_psf.shape[0] // 2
-    reach = min(half_samples * sample, middle)
+    reach = min(grey.shape[0] / 2 * sample, middle)
     right.set_xlim(middle - reach, middle + reach)
     right.set_ylim(middle + reach, middle - reach)
     return StudyFigure(

@@ -71,18 +71,11 @@ def sharpness_rows(
     for distance, y, x in regions:
         plain, coded = (edge_steepness(scene[y, x]) for scene in scenes)
         ratio = coded / plain
+        what = f"steepest edges of the brick at {distance:g} m, with the lens over without"
         wanted = "more than 1" if abs(distance - near) < 0.05 else "-"
         if distance == max(one[0] for one in regions):
             wanted = "less than 1"
-        rows.append(
-            ResultRow(
-                f"steepest edges of the brick at {distance:g} m, with the lens over without",
-                "picture only",
-                wanted,
-                f"{ratio:.2f}",
-                ratio,
-            )
-        )
+        rows.append(ResultRow(what, "picture only", wanted, f"{ratio:.2f}", ratio))
     return rows
 
 
@@ -145,7 +138,14 @@ def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> S
     halo = nearest.unmodulated_share
     before = fit_focus_curve(stars, [star.plain for star in stars], camera)
     after = fit_focus_curve(stars, [star.coded - halo * star.plain for star in stars], camera)
-    rows = [*_rows(before, after, settings, camera), _halo(halo, nearest, camera)]
+    row = ResultRow(
+        f"halo: light of a star at {nearest.distance:g} m that stays out of focus",
+        "a halo around each object (picture only)",
+        f"{100 * camera.panel.unmodulated:.1f} % (bench file)",
+        f"{100 * halo:.1f} %",
+        halo,
+    )
+    rows = [*_focus_rows(before, after, settings, camera), row]
     plates = [_focus_figure(before, after, nearest, settings, camera)]
     if settings.bricks:
         progress.report(0.9, "bricks")
@@ -164,7 +164,7 @@ def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> S
     return StudyResults(rows, plates, notes, data)
 
 
-def _rows(
+def _focus_rows(
     before: FocusCurve, after: FocusCurve, settings: RefocusSettings, camera: Camera
 ) -> list[ResultRow]:
     z, added = camera.lens.image_distance, added_lens_power(settings, camera)
@@ -216,22 +216,8 @@ def _square_radius_at(focus: FocusCurve, vergence: float) -> float:
     return focus.least + focus.slope * (vergence - focus.best) ** 2
 
 
-def _halo(share: float, star: DefocusedStar, camera: Camera) -> ResultRow:
-    """Return the row on the halo: the light of a star that stays out of focus."""
-    return ResultRow(
-        f"halo: light of a star at {star.distance:g} m that stays out of focus",
-        "a halo around each object (picture only)",
-        f"{100 * camera.panel.unmodulated:.1f} % (bench file)",
-        f"{100 * share:.1f} %",
-        share,
-    )
-
-
 def _bricks_figure(
-    scenes: Sequence[Picture],
-    grey: Any,
-    regions: Sequence[BrickRegion],
-    settings: RefocusSettings,
+    scenes: Sequence[Picture], grey: Any, regions: Sequence[BrickRegion], settings: RefocusSettings
 ) -> StudyFigure:
     figure = Figure(figsize=(15, 9.8), dpi=100, layout="constrained")
     top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1.25, 1]))
@@ -245,8 +231,8 @@ def _bricks_figure(
         for one, scene, title in zip(axes, scenes, ("no pattern", "Fresnel lens"), strict=False):
             draw_photograph(one, scene[y, x], f"the brick at {distance:g} m, {title}", white)
     else:
-        axes[0].axis("off")
-        axes[1].axis("off")
+        for one in axes[:2]:
+            one.axis("off")
     draw_pattern(axes[2], grey, "(c) the Fresnel lens on the SLM")
     return StudyFigure("Bricks", figure, "As Fig. 3.6: before, after, and the pattern on the SLM.")
 
