@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import torch
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from labapp.files.cubes import SpectralCube
 from labapp.files.cubes.cube import SHARE_OF_WHITE
@@ -76,9 +75,8 @@ def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) ->
     stacks |= {f"{name}, drawn": one for name, one in drawn.items()}
     found = dict[str, DesignResult]()
     for number, (name, psfs) in enumerate(stacks.items()):
-        part = progress.part(
-            0.2 + 0.6 * number / len(stacks), 0.2 + 0.6 * (number + 1) / len(stacks)
-        )
+        start, stop = (0.2 + 0.6 * one / len(stacks) for one in (number, number + 1))
+        part = progress.part(start, stop)
         found[name] = judge_design(psfs, wavelengths, mosaic, settings, part)
     rows = [*_power_rows(found, len(wavelengths)), *_level_rows(found)]
     if settings.twelve:
@@ -101,14 +99,7 @@ def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) ->
         "Expected is a prediction from PSFs, filters and noise alone, for usual scenes. A "
         "chart may differ from it by several decibels, but alike for all designs.",
     ]
-    figures = [
-        _colours_figure(found, wavelengths, settings),
-        _psfs_figure(
-            {name: one.psfs for name, one in found.items()},
-            wavelengths,
-            "Fig. 4.4 and Fig. A.1 to A.3, 4 decades below the design's peak.",
-        ),
-    ]
+    figures = [_colours_figure(found, wavelengths, settings), _psfs_figure(found, wavelengths)]
     data = {
         name: {
             "dispersion_power": one.power,
@@ -181,12 +172,8 @@ def _twelve_row(
     nm = np.linspace(min(settings.bands_nm), max(settings.bands_nm), _TWELVE)
     wavelengths = tuple((nm * 1e-9).tolist())
     pitch, window = camera.sensor.pitch, psf_window(settings, camera)
-    psfs = ring_psfs(
-        Plane((window, window), (pitch, pitch)),
-        wavelengths,
-        longest_radius(settings),
-        unmodulated=settings.peak,
-    ).numpy()
+    plane, radius = Plane((window, window), (pitch, pitch)), longest_radius(settings)
+    psfs = ring_psfs(plane, wavelengths, radius, unmodulated=settings.peak).numpy()
     snapshot = chart_snapshot(psfs, wavelengths, mosaic, settings.side_px, 0.0)
     spectra = torch.from_numpy(typical_reflectances(wavelengths))
     restored = restore_spectra(snapshot.observation, spectra, progress=progress)
@@ -220,15 +207,15 @@ def _colours_figure(
     return StudyFigure("Restored charts", figure, "Fig. 4.10 and 4.11: colours in D65.")
 
 
-def _psfs_figure(
-    stacks: Mapping[str, NDArray[Any]], wavelengths: tuple[float, ...], caption: str
-) -> StudyFigure:
+def _psfs_figure(found: Mapping[str, DesignResult], wavelengths: tuple[float, ...]) -> StudyFigure:
     """Draw the PSFs of designs, a row for each design and a column for each band."""
-    rows, count = len(stacks), len(wavelengths)
+    rows, count = len(found), len(wavelengths)
     figure = Figure(figsize=(2.2 * count, 2.4 * rows), dpi=100, layout="constrained")
     axes = figure.subplots(rows, count, squeeze=False)
-    for row, (name, stack) in zip(axes, stacks.items(), strict=True):
-        peak = float(stack.max())
-        for one, psf, wavelength in zip(row, stack, wavelengths, strict=True):
+    for row, (name, result) in zip(axes, found.items(), strict=True):
+        peak = float(result.psfs.max())
+        for one, psf, wavelength in zip(row, result.psfs, wavelengths, strict=True):
             draw_log(one, psf, f"{name}, {format_nanometres(wavelength)}", peak)
-    return StudyFigure("PSFs", figure, caption)
+    return StudyFigure(
+        "PSFs", figure, "Fig. 4.4 and Fig. A.1 to A.3, 4 decades below the design's peak."
+    )

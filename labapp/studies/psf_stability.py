@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labapp.files.plan_file import PlanFile
@@ -177,7 +176,6 @@ def _errors_figure(
 ) -> StudyFigure:
     figure = Figure(figsize=(13, 9), dpi=100, layout="constrained")
     top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1, 1.05]))
-    axes = top.subplots(1, 3)
     first = averaged[0]
     pictures = {
         f"(a) {_frames(first.frames)}": found[f"frames-{first.frames}"].modulated_psf,
@@ -185,21 +183,9 @@ def _errors_figure(
         f"{settings.joint} frames found together": found["joint"].modulated_psf,
     }
     white = 1.3 * float(np.percentile(found["reference"].modulated_psf, 99.8))
-    for one, (title, picture) in zip(axes, pictures.items(), strict=True):
+    for one, (title, picture) in zip(top.subplots(1, 3), pictures.items(), strict=True):
         draw_linear(one, picture, title, white)
-    _draw_errors(bottom.subplots(), averaged, settings)
-    return StudyFigure(
-        "PSFs and their error",
-        figure,
-        "Unmodulated light removed; one linear scale for the three. Below, Fig. 3.5 (c): the error "
-        "against the longest video.",
-    )
-
-
-def _draw_errors(
-    axes: Axes, averaged: Sequence[AveragedVideo], settings: StabilitySettings
-) -> None:
-    first = averaged[0]
+    axes = bottom.subplots()
     scale = first.error / independent_frames_error(first.frames, settings.reference)
     n = np.linspace(1, settings.reference, 400)
     curve = scale * (1 / n - 1 / settings.reference)
@@ -211,3 +197,9 @@ def _draw_errors(
     axes.set_title("(c) Error by the number of frames")
     axes.grid(alpha=0.3, which="both")
     axes.legend()
+    return StudyFigure(
+        "PSFs and their error",
+        figure,
+        "Unmodulated light removed; one linear scale for the three. Below, Fig. 3.5 (c): the error "
+        "against the longest video.",
+    )

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labapp.common.errors import UserError
@@ -246,7 +245,21 @@ def _focus_figure(
 ) -> StudyFigure:
     figure = Figure(figsize=(14, 5), dpi=100, layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=[1.7, 1, 1])
-    _draw_focus(left, before, after, settings, camera)
+    z2 = camera.lens.image_distance**2 * mean_square_pupil_radius(camera)
+    line = np.linspace(min(before.vergences) - 0.03, max(before.vergences) + 0.03, 300)
+    curves = (
+        (before, 1 / panel_to_focus_distance(camera), "no pattern", "C0"),
+        (after, 1 / settings.near_m, "Fresnel lens", "C1"),
+    )
+    for focus, centre, name, colour in curves:
+        expected = np.sqrt(np.maximum(focus.least, 0) + z2 * (line - centre) ** 2)
+        left.plot(line, 1e6 * expected, "-", color=colour, alpha=0.5)
+        left.plot(focus.vergences, 1e6 * np.sqrt(focus.squares), "o", color=colour, label=name)
+    left.set_xlabel("1 / distance, dioptres")
+    left.set_ylabel("root mean square radius, µm")
+    left.set_title("Blur of a star by its distance")
+    left.grid(alpha=0.3)
+    left.legend()
     peak = float(star.coded.max())
     draw_log(middle, star.plain, f"star at {star.distance:g} m, no pattern", peak)
     draw_log(right, star.coded, "with the Fresnel lens", peak)
@@ -256,22 +269,3 @@ def _focus_figure(
         "Left: dots are measured, lines the projection of the pupil with the measured least blur. "
         "Right: PSFs over four decades; the halo is light that the SLM doesn't modulate.",
     )
-
-
-def _draw_focus(
-    axes: Axes, before: FocusCurve, after: FocusCurve, settings: RefocusSettings, camera: Camera
-) -> None:
-    z2 = camera.lens.image_distance**2 * mean_square_pupil_radius(camera)
-    line = np.linspace(min(before.vergences) - 0.03, max(before.vergences) + 0.03, 300)
-    centres = (1 / panel_to_focus_distance(camera), 1 / settings.near_m)
-    for focus, centre, name, colour in zip(
-        (before, after), centres, ("no pattern", "Fresnel lens"), ("C0", "C1"), strict=True
-    ):
-        expected = np.sqrt(np.maximum(focus.least, 0) + z2 * (line - centre) ** 2)
-        axes.plot(line, 1e6 * expected, "-", color=colour, alpha=0.5)
-        axes.plot(focus.vergences, 1e6 * np.sqrt(focus.squares), "o", color=colour, label=name)
-    axes.set_xlabel("1 / distance, dioptres")
-    axes.set_ylabel("root mean square radius, µm")
-    axes.set_title("Blur of a star by its distance")
-    axes.grid(alpha=0.3)
-    axes.legend()

@@ -66,12 +66,11 @@ def settings_from_record(record: Record, name: str) -> StudySettings:
 
 def list_studies(*, as_json: bool) -> None:
     """Print the names of all studies with their settings, defaults and units."""
-    example = "labapp study refocus --out refocus"
-    print_list([_list_entry(name) for name in STUDIES], as_json=as_json, example=example)
-
-
-def _list_entry(name: str) -> ListEntry:
-    found = find_study(name)
-    facts = {"source": found.source, "shows": found.shows, "method": found.method}
-    what, keys = f"{found.title} ({found.source})", describe_keys(found.settings)
-    return ListEntry(name, what, keys, [found.method], {"title": found.title, **facts})
+    entries = []
+    for name in STUDIES:
+        found = find_study(name)
+        facts = {"source": found.source, "shows": found.shows, "method": found.method}
+        what, keys = f"{found.title} ({found.source})", describe_keys(found.settings)
+        facts = {"title": found.title, **facts}
+        entries.append(ListEntry(name, what, keys, [found.method], facts))
+    print_list(entries, as_json=as_json, example="labapp study refocus --out refocus")

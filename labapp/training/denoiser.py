@@ -164,20 +164,17 @@ class DenoiserTask:
     def _draw_patches(
         self, step: int, samples: Sequence[int]
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Draw sharp patches of a step, the same with noise, and the noise levels."""
-        drawn = [self._draw_patch(sample_generator(self._seed, step, one)) for one in samples]
-        clean, noise, levels = zip(*drawn, strict=True)
+        """Draw sharp patches of a step, the same with white noise, and the noise levels."""
+        low, high = map(math.log, _NOISE_LEVELS)
+        clean, noise, levels = [], [], []
+        for one in samples:
+            rng = sample_generator(self._seed, step, one)
+            clean.append(grey_patches(self._pictures, 1, _SIDE, rng))
+            levels.append(math.exp(rng.uniform(low, high)))
+            noise.append(torch.from_numpy(rng.standard_normal(clean[-1].shape, dtype=np.float32)))
         level = torch.tensor(levels, dtype=torch.float32, device=self._device)
         sharp = torch.cat(clean).to(self._device)
         return sharp, sharp + level[:, None, None, None] * torch.cat(noise).to(self._device), level
-
-    def _draw_patch(self, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor, float]:
-        """Draw a sharp patch, white noise of unit variance, and a noise level."""
-        clean = grey_patches(self._pictures, 1, _SIDE, rng)
-        low, high = map(math.log, _NOISE_LEVELS)
-        level = math.exp(rng.uniform(low, high))
-        noise = torch.from_numpy(rng.standard_normal(clean.shape, dtype=np.float32))
-        return clean, noise, level
 
 
 def train_denoiser(

@@ -225,15 +225,11 @@ def _read_licences(folder: Path, files: Sequence[Path]) -> dict[Path, str]:
                 f"{source}: key {key!r} fits no picture. {suggest_spelling(key, known)}"
                 "Name a picture of the folder, or a pattern such as *.jpg."
             )
-    return {file: _find_licence(table, path) for file, path in paths.items()}
-
-
-def _find_licence(table: dict[str, str], path: str) -> str:
-    """Return the licence that a folder's table states for a picture."""
-    for exact in (path, PurePosixPath(path).name):
-        if exact in table:
-            return table[exact]
-    return next((text for key, text in table.items() if _fits(key, path)), NOT_STATED)
+    found = {}
+    for file, path in paths.items():
+        fitting = (text for key, text in table.items() if _fits(key, path))
+        found[file] = table.get(path) or table.get(file.name) or next(fitting, NOT_STATED)
+    return found
 
 
 def _fits(key: str, path: str) -> bool:

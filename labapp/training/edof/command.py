@@ -110,7 +110,14 @@ class _EdofTraining:
         scenes = replace(asked, size=config.training.side)
         self._problem = EdofProblem(scenes, self._design_problem.camera, self._spectrum)
         self._start = self._design_problem.start_phase()
-        require_usable(self._problem, self._start, config)
+        try:
+            self._problem.transfer(config.wavelength)
+            phase_to_grey(self._problem.camera.panel, self._start, config.wavelength, 1)
+        except ValueError as error:
+            raise UserError(
+                f"train edof, bench {asked.bench}, wavelength_nm = {config.wavelength_nm:g}: "
+                f"{error}."
+            ) from error
         # All that the result depends on: files by their content, not by their name.
         self._settings = {
             **config.as_settings(),
@@ -260,22 +267,6 @@ class _EdofTraining:
 def _checksum(content: bytes) -> str:
     """Return a short checksum of what the result depends on, by which a change is noticed."""
     return hashlib.sha256(content).hexdigest()[:16]
-
-
-def require_usable(problem: EdofProblem, phase: torch.Tensor, config: EdofTrainingConfig) -> None:
-    """Raise UserError if a bench can't be trained for.
-
-    problem: the optics in training.
-    phase: the pattern before training, (rows, columns), radians.
-    """
-    try:
-        problem.transfer(config.wavelength)
-        phase_to_grey(problem.camera.panel, phase, config.wavelength, 1)
-    except ValueError as error:
-        raise UserError(
-            f"train edof, bench {problem.request.bench}, wavelength_nm = "
-            f"{config.wavelength_nm:g}: {error}."
-        ) from error
 
 
 def require_samples(config: EdofTrainingConfig, processes: Processes) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -19,6 +20,7 @@ from labapp.training.edof.captures import (
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.decoder_task import (
     decode_captures,
+    decoder_schedule,
     scene_losses,
     validation_score,
 )
@@ -44,17 +46,9 @@ one of half a million pixels."""
 
 def joint_schedule(config: EdofTrainingConfig, steps: int) -> TrainingSchedule:
     """Return the schedule of a pattern together with its decoder."""
-    table, own = config.training, config.joint
-    return TrainingSchedule(
-        steps,
-        own.first_rate,
-        own.last_rate,
-        min(table.warm_up, steps - 1),
-        table.average_decay,
-        table.clip,
-        table.validation_interval,
-        config.seed + 1,
-    )
+    own, seed = config.joint, config.seed + 1
+    alone = decoder_schedule(config, steps)
+    return replace(alone, first_rate=own.first_rate, last_rate=own.last_rate, seed=seed)
 
 
 class PatternWithDecoder(nn.Module):

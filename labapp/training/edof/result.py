@@ -26,7 +26,6 @@ from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.decoder_task import DecoderTask
 from labapp.training.manifest import DataManifest
 from labapp.training.task import VALIDATION_STEP
-from optics.camera import Camera
 from optics.edof.learned import DecoderNetwork
 from optics.edof.picture_spectrum import SpectrumModel
 from optics.psf import PSFOperator
@@ -72,7 +71,7 @@ def choose_scenes(task: DecoderTask, sampler: SceneSampler) -> list[ShownScene]:
 def draw_training(
     title: str,
     grey: NDArray[np.uint8],
-    histories: dict[str, list[tuple[int, float]]],
+    histories: Mapping[str, Sequence[Sequence[float]]],
     scenes: list[ShownScene],
 ) -> bytes:
     """Draw a pattern, its validation scores and decoded scenes as PNG.
@@ -85,17 +84,7 @@ def draw_training(
     pattern = figure.add_subplot(grid[0, :2])
     pattern.imshow(grey, cmap="gray", vmin=0, vmax=255)
     _label(pattern, "pattern, grey levels")
-    _draw_histories(figure.add_subplot(grid[0, 2:]), histories)
-    for row, scene in enumerate(scenes, 1):
-        for column, (name, picture) in enumerate(zip(_TITLES, scene.pictures, strict=True)):
-            axes = figure.add_subplot(grid[row, column])
-            axes.imshow(picture, cmap="gray", vmin=0, vmax=1)
-            _label(axes, scene.caption if name == "decoded" else name)
-    return figure_to_png(figure)
-
-
-def _draw_histories(axes: Axes, histories: dict[str, list[tuple[int, float]]]) -> None:
-    """Draw the validation scores of each stage over its steps."""
+    axes = figure.add_subplot(grid[0, 2:])
     for name, history in histories.items():
         if history:
             steps, scores = zip(*history, strict=True)
@@ -103,6 +92,12 @@ def _draw_histories(axes: Axes, histories: dict[str, list[tuple[int, float]]]) -
     axes.set(xlabel="step of the stage", ylabel="validation, dB")
     axes.grid(alpha=0.3)
     axes.legend()
+    for row, scene in enumerate(scenes, 1):
+        for column, (name, picture) in enumerate(zip(_TITLES, scene.pictures, strict=True)):
+            axes = figure.add_subplot(grid[row, column])
+            axes.imshow(picture, cmap="gray", vmin=0, vmax=1)
+            _label(axes, scene.caption if name == "decoded" else name)
+    return figure_to_png(figure)
 
 
 def _label(axes: Axes, title: str) -> None:
@@ -162,7 +157,7 @@ def write_result(result: TrainedResult, scenes: list[ShownScene], files: Sequenc
         orders=1,
         frame_time=0.0,
         pixel_pitch=camera.panel.pitch,
-        psf=_compute_psfs(result, camera, wavelength),
+        psf=_compute_psfs(result),
         target=None,
         quality={"validation": result.validation},
         decoder=decoder_contents(
@@ -171,7 +166,15 @@ def write_result(result: TrainedResult, scenes: list[ShownScene], files: Sequenc
     )
     write_design(design, contents)
     write_atomically(pattern, encode_image(pattern, grey))
-    write_atomically(picture, draw_training(_title(result), grey, _histories(result), scenes))
+    far, near = result.problem.depth_range
+    network, account = result.network, result.account
+    title = (
+        f"Extended depth of field, {far:g} to {near:g} D, {result.config.wavelength_nm:g} nm: "
+        f"{network.settings.knowledge}, {network.weight_count:,} weights, {result.validation:.2f} "
+        "dB in validation"
+    )
+    histories = {"decoder": account["history"], "joint": account.get("joint_history", [])}
+    write_atomically(picture, draw_training(title, grey, histories, scenes))
     if result.manifest is not None:
         result.manifest.write(listed)
 
@@ -195,25 +198,9 @@ def print_result(result: TrainedResult, files: Sequence[Path]) -> None:
         out.print(f"wrote {one}", soft_wrap=True)
 
 
-def _title(result: TrainedResult) -> str:
-    """Return the picture's title."""
-    far, near = result.problem.depth_range
-    network = result.network
-    return (
-        f"Extended depth of field, {far:g} to {near:g} D, {result.config.wavelength_nm:g} nm: "
-        f"{network.settings.knowledge}, {network.weight_count:,} weights, {result.validation:.2f} "
-        "dB in validation"
-    )
-
-
-def _histories(result: TrainedResult) -> dict[str, list[tuple[int, float]]]:
-    """Return step and validation score by stage."""
-    kept = {"decoder": result.account["history"], "joint": result.account.get("joint_history", [])}
-    return {name: [(int(a), float(b)) for a, b in one] for name, one in kept.items()}
-
-
-def _compute_psfs(result: TrainedResult, camera: Camera, wavelength: float) -> Grid:
+def _compute_psfs(result: TrainedResult) -> Grid:
     """Compute PSFs of the pattern at some depths, for its file."""
+    camera, wavelength = result.problem.camera, result.config.wavelength
     side = min(_SHOWN_PIXELS, *camera.sensor.shape)
     pixels = camera.sensor.window_plane((side, side))
     found = []
