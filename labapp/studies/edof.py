@@ -176,28 +176,17 @@ def _distance_rows(pictures: Pictures, label: str, settings: EdofSettings) -> li
     for distance in settings.distances_m:
         one = pictures[photograph_name(distance), DESIGNED, label]
         without = pictures[photograph_name(distance), NEUTRAL, label]
-        rows.append(
-            ResultRow(
-                f"designed pattern; {label}: print at {distance:g} m",
-                _NEAREST_AND_FARTHEST,
-                f"without a pattern {without.psnr:.1f} dB",
-                f"{one.psnr:.1f} dB; in sRGB {one.srgb_psnr:.1f} dB, SSIM {one.ssim:.2f}",
-                one.psnr,
-            )
-        )
+        what = f"designed pattern; {label}: print at {distance:g} m"
+        expected = f"without a pattern {without.psnr:.1f} dB"
+        rows.append(ResultRow(what, _NEAREST_AND_FARTHEST, expected, one.scores, one.psnr))
     return rows
 
 
 def _objects_row(pictures: Pictures, name: str, label: str) -> ResultRow:
     """Return the row of a decoder on the objects that hide each other."""
     one = pictures[OBJECTS, name, label]
-    return ResultRow(
-        f"{_PATTERN_WORDS[name]}; {label}: objects at several distances",
-        "picture only: edges fail (Fig. 5.13)",
-        "-",
-        f"{one.psnr:.1f} dB; in sRGB {one.srgb_psnr:.1f} dB, SSIM {one.ssim:.2f}",
-        one.psnr,
-    )
+    what = f"{_PATTERN_WORDS[name]}; {label}: objects at several distances"
+    return ResultRow(what, "picture only: edges fail (Fig. 5.13)", "-", one.scores, one.psnr)
 
 
 def results_as_data(psfs: PSFs, pictures: Pictures) -> dict[str, Any]:

@@ -78,6 +78,11 @@ class DecodedPicture:
     ssim: float
     noise: float
 
+    @property
+    def scores(self) -> str:
+        """The scores in words."""
+        return f"{self.psnr:.1f} dB; in sRGB {self.srgb_psnr:.1f} dB, SSIM {self.ssim:.2f}"
+
 
 Pictures = Mapping[tuple[str, str, str], DecodedPicture]
 """Decoded pictures by target, pattern, and label of the decoder."""

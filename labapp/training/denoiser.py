@@ -78,15 +78,14 @@ def grey_patches(
     if not areas.any():
         raise UserError(f"no picture is larger than a patch, {side} x {side} pixels.")
     chosen = rng.choice(len(pictures), count, p=areas / areas.sum())
-    return torch.from_numpy(np.stack([_patch(pictures[i], side, rng) for i in chosen]))[:, None]
-
-
-def _patch(picture: Colours, side: int, rng: np.random.Generator) -> Colours:
-    y, x = (int(rng.integers(n - side + 1)) for n in picture.shape[1:])
-    mixture = rng.dirichlet(np.ones(3)).astype(np.float32)
-    grey = np.tensordot(mixture, picture[:, y : y + side, x : x + side], 1)
-    turned = np.rot90(grey, int(rng.integers(4)))
-    return np.ascontiguousarray(turned[:, ::-1] if rng.integers(2) else turned)
+    patches = []
+    for picture in (pictures[i] for i in chosen):
+        y, x = (int(rng.integers(n - side + 1)) for n in picture.shape[1:])
+        mixture = rng.dirichlet(np.ones(3)).astype(np.float32)
+        grey = np.tensordot(mixture, picture[:, y : y + side, x : x + side], 1)
+        turned = np.rot90(grey, int(rng.integers(4)))
+        patches.append(np.ascontiguousarray(turned[:, ::-1] if rng.integers(2) else turned))
+    return torch.from_numpy(np.stack(patches))[:, None]
 
 
 STEPS = 24000

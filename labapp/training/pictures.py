@@ -113,8 +113,7 @@ class TrainingPictures:
         cut = picture[:, y : y + size, x : x + size]
         if size > side:
             # Rounded to 8 bits, which takes a third of the time of averages in float32.
-            way = cv2.INTER_AREA
-            cut = np.stack([cv2.resize(one, (side, side), interpolation=way) for one in cut])
+            cut = _average_down(cut, side, side)
         return cut.astype(np.float32)
 
     def _cumulative_probabilities(self, side: int, split: Split) -> NDArray[np.float64]:
@@ -149,10 +148,14 @@ def _halve_repeatedly(picture: Colours, edge: float) -> list[Colours]:
     while min(sizes[-1].shape[1:]) >= 2 * edge:
         rows, columns = (n // 2 for n in sizes[-1].shape[1:])
         whole = sizes[-1][:, : 2 * rows, : 2 * columns]
-        way = cv2.INTER_AREA
-        bands = [cv2.resize(one, (columns, rows), interpolation=way) for one in whole]
-        sizes.append(np.stack(bands))
+        sizes.append(_average_down(whole, rows, columns))
     return sizes
+
+
+def _average_down(picture: Colours, rows: int, columns: int) -> Colours:
+    """Return a picture's means over the areas of so many pixels."""
+    size = columns, rows
+    return np.stack([cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in picture])
 
 
 def read_training_data(
@@ -234,6 +237,4 @@ class _HeldPictures:
         scale = max(scale, self._smallest_side / min(rows, columns))
         if scale >= 1:
             return picture
-        size = (math.ceil(columns * scale), math.ceil(rows * scale))
-        bands = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in picture]
-        return np.stack(bands)
+        return _average_down(picture, math.ceil(rows * scale), math.ceil(columns * scale))
