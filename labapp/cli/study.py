@@ -63,8 +63,7 @@ def study(
     from labapp.common.errors import UserError
     from labapp.files.output_paths import RECORD, STUDY_FILES
     from labapp.files.writing import require_free_names
-    from labapp.studies.study_list import list_studies
-    from labapp.studies.study_lookup import find_study, read_study_settings
+    from labapp.studies.study_lookup import find_study, list_studies, read_study_settings
 
     options = get_option_group(context, RunOptions)
     if name == "list":

@@ -85,7 +85,7 @@ def denoiser(
     require_one_length(steps, minutes)
     place = weights_output_path(out, force=force)
     use_one_thread()
-    from labapp.training.denoiser_command import train_denoiser
+    from labapp.training.denoiser import train_denoiser
 
     train_denoiser(folders, place, steps=steps, minutes=minutes, seed=seed, device=device)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,51 +15,29 @@ from labapp.bench.opening import BenchFiles
 from labapp.common.console import out, print_json, print_table, terminal_progress
 from labapp.common.errors import UserError
 from labapp.edof.design_analysis import (
-    DepthCurves,
-    DepthPictures,
+    FinishedDesign,
     analyse_depths,
     bound_level,
     compute_depth_pictures,
     rate_all_hand_made,
     rate_on_bench,
 )
-from labapp.edof.design_drawing import DesignDrawing, draw_design
+from labapp.edof.design_drawing import draw_design
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.design_request import EdofRequest
-from labapp.edof.design_search import search_pattern
-from labapp.edof.design_state import DesignStateFile
+from labapp.edof.design_search import DesignStateFile, search_pattern
 from labapp.files.bench_file import BenchFile, read_bench
 from labapp.files.design_file import DesignContents, Grid, write_design
 from labapp.files.state_file import StateFile
 from labapp.files.writing import encode_image, write_atomically
-from optics.edof.pattern_rating import DesignResult, PatternRating, SearchSettings, SearchState
+from optics.edof.pattern_rating import SearchSettings, SearchState
 from optics.edof.pattern_search import DesignBand
 from optics.edof.pattern_transfer import PatternTransfer
-from optics.progress import Progress
 from optics.slm import phase_to_grey
 from optics.threads import single_threaded
 
 _TIMED_STEPS = 3
 """Steps of which the time is measured, before minutes become a number of steps."""
-
-
-@dataclass(frozen=True, eq=False)
-class FinishedDesign:
-    """A designed pattern with everything that is told of it."""
-
-    problem: EdofProblem
-    result: DesignResult
-    phase: torch.Tensor
-    grey: np.ndarray
-    start: DepthCurves
-    design: DepthCurves
-    on_bench: dict[float, PatternRating]
-    hand_made: dict[str, PatternRating]
-    bound: float
-    limit: torch.Tensor
-    pictures: DepthPictures
-    steps: int
-    cpu_seconds: float
 
 
 @single_threaded
@@ -110,7 +87,12 @@ def _design(
         phase = problem.whole_phase(result.parameters).detach()
         pictures = compute_depth_pictures(problem, transfer, phase, progress.part(0.8, 0.85))
         grey = phase_to_grey(problem.camera.panel, phase, request.wavelengths[0], request.orders)
-        on_bench = _rate_on_bench(problem, grey, progress.part(0.85, 1))
+        count = len(request.wavelengths)
+        parts = [progress.part(0.85, 1).part(k / count, (k + 1) / count) for k in range(count)]
+        on_bench = {
+            one: rate_on_bench(problem, grey, one, part)
+            for one, part in zip(request.wavelengths, parts, strict=True)
+        }
     limit = problem.limit(request.wavelengths[0])
     done = FinishedDesign(
         problem,
@@ -131,27 +113,11 @@ def _design(
     return done
 
 
-def _rate_on_bench(
-    problem: EdofProblem, grey: torch.Tensor, progress: Progress
-) -> dict[float, PatternRating]:
-    """Rate grey levels as the bench shows them, by wavelength in metres."""
-    wavelengths = problem.request.wavelengths
-    parts = [
-        progress.part(k / len(wavelengths), (k + 1) / len(wavelengths))
-        for k in range(len(wavelengths))
-    ]
-    return {
-        one: rate_on_bench(problem, grey, one, part)
-        for one, part in zip(wavelengths, parts, strict=True)
-    }
-
-
 def _steps_in(
     minutes: float, problem: EdofProblem, transfer: PatternTransfer, start: torch.Tensor
 ) -> int:
     """Return how many steps fit into some minutes, by the time of a few of them."""
-    far, near = problem.depth_range
-    depths = tuple(np.linspace(far, near, SearchSettings().depths))
+    depths = tuple(np.linspace(*problem.depth_range, SearchSettings().depths))
     parameters = start.clone().requires_grad_()
     seconds = []
     for band in (DesignBand(transfer, start, problem.phase), *problem.further_bands()):
@@ -168,9 +134,9 @@ def _steps_in(
 
 def _write(done: FinishedDesign, bench: BenchFile, files: Sequence[Path]) -> None:
     """Write the design file, the pattern as the panel shows it, and the drawing."""
-    request, camera = done.problem.request, done.problem.camera
+    request, pictures = done.problem.request, done.pictures
+    lens, panel = done.problem.camera.lens, done.problem.camera.panel
     period = 2 * math.pi * request.orders
-    pictures = done.pictures
     places = (pictures.pixels.coordinates(axis).numpy() for axis in (0, 1))
     contents = DesignContents(
         title="extended depth of field",
@@ -178,7 +144,11 @@ def _write(done: FinishedDesign, bench: BenchFile, files: Sequence[Path]) -> Non
             "design": "edof",
             **request.as_data(),
             "fringing": done.problem.fringing,
-            **_orientation(done),
+            "focus_dioptre": 1 / lens.focus_distance,
+            "orientation": "rows from the top, columns from the left, as the panel shows them",
+            "lut": (
+                "the panel's measured response" if panel.response else "linear to the panel's range"
+            ),
         },
         bench=bench.model_dump(mode="json"),
         wavelength=request.wavelengths[0],
@@ -186,47 +156,30 @@ def _write(done: FinishedDesign, bench: BenchFile, files: Sequence[Path]) -> Non
         phase=torch.remainder(done.phase, period).to(torch.float32).numpy()[None],
         orders=request.orders,
         frame_time=0.0,
-        pixel_pitch=camera.panel.pitch,
+        pixel_pitch=panel.pitch,
         psf=Grid(pictures.psfs, *places),
         target=None,
-        quality=_quality(done),
+        # Lists have a value for each rated depth.
+        quality={
+            **_account(done)["expected_psnr"],
+            "depths_dioptre": done.design.dioptres.tolist(),
+            "blind_over_depth": done.design.blind.tolist(),
+            "known_over_depth": done.design.known.tolist(),
+            "shown_dioptre": pictures.dioptres.tolist(),
+            "steps": done.steps,
+            "cpu_seconds": done.cpu_seconds,
+        },
     )
     design, pattern, picture = files
     write_design(design, contents)
     write_atomically(pattern, encode_image(pattern, done.grey))
-    drawing = DesignDrawing(
-        done.grey,
-        pictures,
-        done.limit[0].numpy(),
-        done.start,
-        done.design,
-        done.bound,
-        request.decoder,
+    rating, names = done.design.rating, " + ".join(f"{1e9 * one:g}" for one in request.wavelengths)
+    reached = rating.known_depth if request.decoder == "known" else rating.blind
+    title = (
+        f"Extended depth of field, {request.far:g} to {request.near:g} D, {names} nm, "
+        f"{request.decoder}: {reached:.2f} dB expected, bound {done.bound:.2f} dB"
     )
-    write_atomically(picture, draw_design(_title(done), drawing))
-
-
-def _orientation(done: FinishedDesign) -> dict[str, Any]:
-    """Return how the pattern is shown: focus, orientation and look-up table."""
-    lens, panel = done.problem.camera.lens, done.problem.camera.panel
-    return {
-        "focus_dioptre": 1 / lens.focus_distance,
-        "orientation": "rows from the top, columns from the left, as the panel shows them",
-        "lut": "the panel's measured response" if panel.response else "linear to the panel's range",
-    }
-
-
-def _quality(done: FinishedDesign) -> dict[str, Any]:
-    """Return the figures for the file; lists have a value for each rated depth."""
-    return {
-        **_account(done)["expected_psnr"],
-        "depths_dioptre": done.design.dioptres.tolist(),
-        "blind_over_depth": done.design.blind.tolist(),
-        "known_over_depth": done.design.known.tolist(),
-        "shown_dioptre": done.pictures.dioptres.tolist(),
-        "steps": done.steps,
-        "cpu_seconds": done.cpu_seconds,
-    }
+    write_atomically(picture, draw_design(title, done))
 
 
 def _account(done: FinishedDesign) -> dict[str, Any]:
@@ -293,13 +246,3 @@ def _notes(done: FinishedDesign) -> str:
             "stop cuts nothing; the PSFs shown are those of the bench."
         )
     return "\n".join(told)
-
-
-def _title(done: FinishedDesign) -> str:
-    request, rating = done.problem.request, done.design.rating
-    reached = rating.known_depth if request.decoder == "known" else rating.blind
-    names = " + ".join(f"{1e9 * one:g}" for one in request.wavelengths)
-    return (
-        f"Extended depth of field, {request.far:g} to {request.near:g} D, {names} nm, "
-        f"{request.decoder}: {reached:.2f} dB expected, bound {done.bound:.2f} dB"
-    )

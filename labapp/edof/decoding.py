@@ -70,24 +70,21 @@ def build_decoder(
     _require_same_scale(pattern, camera)
     progress = progress or Progress()
     phase = grey_to_phase(camera.panel, torch.from_numpy(pattern.grey), pattern.wavelength)
+    shown = PupilPattern("trained", phase)
     protocol = EdofProtocol(
         "photographs",
         wavelength=pattern.wavelength,
         pixel_pitch=camera.sensor.pitch,
         binning=pattern.binning,
     )
-    shown = PupilPattern("trained", phase)
     dioptres = midpoint_dioptres(_DEPTHS, pattern.depth_range)
-    shape, transfers = (_FILTER_SIDE, _FILTER_SIDE), []
-    source = CameraPSFs(camera, protocol)
+    transfers, source = [], CameraPSFs(camera, protocol)
     for number, one in enumerate(dioptres):
         progress.report(number / len(dioptres), f"PSF at {one:.2f} dioptres")
         found = compute_depth_psfs(shown, (one,), camera, protocol, source)
-        transfers.append(compute_transfer(found.kernels[0], shape))
-    return PhotographDecoder(
-        pattern,
-        WienerFront.of_transfers(torch.stack(transfers), pattern.spectrum_on_grid(_FILTER_SIDE)),
-    )
+        transfers.append(compute_transfer(found.kernels[0], (_FILTER_SIDE, _FILTER_SIDE)))
+    spectrum = pattern.spectrum_on_grid(_FILTER_SIDE)
+    return PhotographDecoder(pattern, WienerFront.of_transfers(torch.stack(transfers), spectrum))
 
 
 def _require_same_scale(pattern: TrainedPattern, camera: Camera) -> None:

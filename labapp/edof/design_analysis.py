@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,13 @@ from labapp.edof.design_request import STARTS
 from optics.edof.depth_bound import known_depth_bound
 from optics.edof.dioptres import midpoint_dioptres
 from optics.edof.panel_transfer import QuarterTransfer
-from optics.edof.pattern_rating import DepthMemory, PatternRating, rate_pattern, rate_transfers
+from optics.edof.pattern_rating import (
+    DepthMemory,
+    DesignResult,
+    PatternRating,
+    rate_pattern,
+    rate_transfers,
+)
 from optics.edof.pattern_search import RATED_DEPTHS
 from optics.edof.pattern_transfer import PatternTransfer
 from optics.edof.picture_spectrum import FrequencyGrid
@@ -119,11 +126,9 @@ def rate_all_hand_made(problem: EdofProblem) -> dict[str, PatternRating]:
     """Rate the hand-made patterns that the panel can show, by name."""
     found = {}
     for name in STARTS:
-        try:
+        # Pixels may be too large for a pattern's slope; the design doesn't depend on it.
+        with suppress(ValueError):
             found[name] = rate_hand_made(problem, name)
-        except ValueError:
-            # Pixels may be too large for a pattern's slope; the design doesn't depend on it.
-            continue
     return found
 
 
@@ -189,3 +194,29 @@ def compute_depth_pictures(
     return DepthPictures(
         dioptres, pixels, np.stack(psfs), frequencies, found[:, 0].abs().double().numpy()
     )
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedDesign:
+    """A designed pattern with everything that is told of it.
+
+    grey: (rows, columns), uint8, the pattern as the panel shows it.
+    start, design: expected PSNR over depth, of the pattern at the start and of the design.
+    on_bench: by wavelength in metres.
+    bound: highest expected PSNR of any pattern, dB.
+    limit: largest rms transfer function of any pattern.
+    """
+
+    problem: EdofProblem
+    result: DesignResult
+    phase: torch.Tensor
+    grey: np.ndarray
+    start: DepthCurves
+    design: DepthCurves
+    on_bench: dict[float, PatternRating]
+    hand_made: dict[str, PatternRating]
+    bound: float
+    limit: torch.Tensor
+    pictures: DepthPictures
+    steps: int
+    cpu_seconds: float

@@ -2,53 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
 from labapp.common.figure_png import figure_to_png
-from labapp.edof.design_analysis import DepthCurves, DepthPictures
+from labapp.edof.design_analysis import DepthPictures, FinishedDesign
 
 _DECADES = 3.0
 """Decades of light that the pictures of PSFs show. Chosen."""
 
 
-@dataclass(frozen=True, eq=False)
-class DesignDrawing:
-    """What the drawing shows.
-
-    grey: (rows, columns), uint8, the pattern as the panel shows it.
-    pictures: PSFs and transfer functions at some depths.
-    limit: (frequencies,), largest rms transfer function along x of any pattern.
-    start, design: expected PSNR over depth, of the pattern at the start and of the design.
-    bound: highest expected PSNR of any pattern, dB.
-    decoder: "blind" or "known".
-    """
-
-    grey: NDArray[np.uint8]
-    pictures: DepthPictures
-    limit: NDArray[np.float64]
-    start: DepthCurves
-    design: DepthCurves
-    bound: float
-    decoder: str
-
-
-def draw_design(title: str, drawing: DesignDrawing) -> bytes:
+def draw_design(title: str, done: FinishedDesign) -> bytes:
     """Draw a pattern with its figures as PNG."""
     figure = Figure(figsize=(15, 8.2), dpi=100, layout="constrained")
     figure.suptitle(title, fontsize=12)
     upper, lower = np.ravel(figure.subfigures(2, 1, squeeze=False, height_ratios=(1, 1.35)))
-    _draw_psfs(upper, drawing.pictures)
+    _draw_psfs(upper, done.pictures)
     pattern, transfer, quality = lower.subplots(1, 3, width_ratios=(1.5, 1.1, 1.1))
-    pattern.imshow(drawing.grey, cmap="gray", interpolation="nearest")
-    pattern.set_title(f"Pattern (grey {drawing.grey.min()} to {drawing.grey.max()})")
+    pattern.imshow(done.grey, cmap="gray", interpolation="nearest")
+    pattern.set_title(f"Pattern (grey {done.grey.min()} to {done.grey.max()})")
     pattern.set(xticks=[], yticks=[])
-    _draw_transfer(transfer, drawing)
-    _draw_quality(quality, drawing)
+    _draw_transfer(transfer, done.pictures, done.limit[0].numpy())
+    _draw_quality(quality, done)
     return figure_to_png(figure)
 
 
@@ -68,13 +45,14 @@ def _draw_psfs(figure: SubFigure, pictures: DepthPictures) -> None:
     axes[0].set_ylabel(f"PSF, {_DECADES:g} decades")
 
 
-def _draw_transfer(axis: Axes, drawing: DesignDrawing) -> None:
+def _draw_transfer(axis: Axes, pictures: DepthPictures, limit: NDArray[np.float64]) -> None:
     """Draw transfer functions along x at some depths, and the bound on their rms."""
-    pictures = drawing.pictures
-    colours = [f"C{number}" for number in range(len(pictures.dioptres))]
-    for values, dioptre, colour in zip(pictures.transfer, pictures.dioptres, colours, strict=True):
-        axis.semilogy(pictures.frequencies, values, lw=0.9, color=colour, label=f"{dioptre:.2g} D")
-    axis.semilogy(pictures.frequencies, drawing.limit, "k--", label="limit of the rms")
+    for number, (values, dioptre) in enumerate(
+        zip(pictures.transfer, pictures.dioptres, strict=True)
+    ):
+        label, colour = f"{dioptre:.2g} D", f"C{number}"
+        axis.semilogy(pictures.frequencies, values, lw=0.9, color=colour, label=label)
+    axis.semilogy(pictures.frequencies, limit, "k--", label="limit of the rms")
     axis.set(
         title="Transfer function along x",
         xlabel="cycles per pixel",
@@ -86,12 +64,12 @@ def _draw_transfer(axis: Axes, drawing: DesignDrawing) -> None:
     axis.grid(alpha=0.3)
 
 
-def _draw_quality(axis: Axes, drawing: DesignDrawing) -> None:
+def _draw_quality(axis: Axes, done: FinishedDesign) -> None:
     """Draw the expected PSNR over depth of the design and of its start, and the bound."""
-    known = drawing.decoder == "known"
-    for curves, style, name in ((drawing.start, "C1:", "start"), (drawing.design, "C0-", "design")):
+    known = done.problem.request.decoder == "known"
+    for curves, style, name in ((done.start, "C1:", "start"), (done.design, "C0-", "design")):
         axis.plot(curves.dioptres, curves.known if known else curves.blind, style, label=name)
-    axis.axhline(drawing.bound, color="k", ls="--", label="bound (mean, depth known)")
+    axis.axhline(done.bound, color="k", ls="--", label="bound (mean, depth known)")
     what = "depth known" if known else "one filter for all depths"
     axis.set(title=f"Expected PSNR, {what}", xlabel="depth in dioptres", ylabel="dB")
     axis.legend(fontsize=8)

@@ -99,10 +99,8 @@ class EdofProblem:
 
         mirrored: whether the patterns are mirrored; as the designed one by default.
         """
-        reach = self.window_reach(wavelength)
-        design = TransferDesign(
-            self.thin, wavelength, self.request.size, self.request.binning, reach
-        )
+        request, reach = self.request, self.window_reach(wavelength)
+        design = TransferDesign(self.thin, wavelength, request.size, request.binning, reach)
         quarter = self.mirrored if mirrored is None else mirrored and self._has_quarters
         return QuarterTransfer(design) if quarter else FullTransfer(design)
 
@@ -217,18 +215,17 @@ class EdofProblem:
         It is unwrapped, or as the panel displays it where the design knows of conditions. Raises
         UserError for a file that has no phase for this panel.
         """
-        name, wavelength = self.request.start, self.request.wavelengths[0]
-        if name not in STARTS:
-            phase = _read_phase(Path(name), self.camera.panel)
+        request = self.request
+        if request.start not in STARTS:
+            phase = _read_phase(Path(request.start), self.camera.panel)
         else:
-            phase = self.pattern(name, wavelength)
-        return self._displayed_phase(phase) if self.conditions else phase
-
-    def _displayed_phase(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return a phase as it is displayed: one that isn't already, in the middle of the range."""
-        if float(phase.min()) >= 0 and float(phase.max()) <= 2 * math.pi * self.request.orders:
+            phase = self.pattern(request.start, request.wavelengths[0])
+        if not self.conditions or (
+            float(phase.min()) >= 0 and float(phase.max()) <= 2 * math.pi * request.orders
+        ):
             return phase
-        return torch.remainder(phase, 2 * math.pi) + math.pi * (self.request.orders - 1)
+        # It isn't displayed so yet: it is put into the middle of the range.
+        return torch.remainder(phase, 2 * math.pi) + math.pi * (request.orders - 1)
 
     def pattern(self, name: str, wavelength: float) -> torch.Tensor:
         """Return a hand-made pattern for this camera and range of depths, radians, unwrapped."""
@@ -262,12 +259,9 @@ def _read_phase(path: Path, panel: Panel) -> torch.Tensor:
             f"{path}: is for {columns}x{rows} pixels, and the bench's panel has "
             f"{panel.shape[1]}x{panel.shape[0]}."
         )
-    if contents.phase is None:
-        return grey_to_phase(
-            panel, torch.from_numpy(contents.grey[0]), contents.wavelength
-        ).double()
-    phase = contents.phase
-    return torch.from_numpy(phase[0]).double()
+    if contents.phase is not None:
+        return torch.from_numpy(contents.phase[0]).double()
+    return grey_to_phase(panel, torch.from_numpy(contents.grey[0]), contents.wavelength).double()
 
 
 def _read_pictures(folder: Path) -> Iterator[torch.Tensor]:

@@ -83,14 +83,6 @@ class EdofRequest:
                 f"--start {self.start}: there is no such file. Choose {', '.join(STARTS)}, or give "
                 "a design file (.h5)."
             )
-        self._require_conditions()
-        if self.size % 2:
-            raise UserError(f"--size {self.size}: give an even number of pixels.")
-        if not self.wavelengths or any(not 0 < one < math.inf for one in self.wavelengths):
-            raise UserError("--wavelength-nm: give one wavelength or more, in nanometres.")
-
-    def _require_conditions(self) -> None:
-        """Raise UserError for conditions of the panel that no pattern can be designed for."""
         if self.fringing is not None and not 0 <= self.fringing < math.inf:
             raise UserError(
                 f"--fringing-um {1e6 * self.fringing:g}: give micrometres, 0 or more, such as 4.8."
@@ -108,11 +100,13 @@ class EdofRequest:
                 f"response; choose {' or '.join(PIXEL_PARAMETRISATIONS)}, or leave out "
                 "--fringing-um and --response-error."
             )
+        if self.size % 2:
+            raise UserError(f"--size {self.size}: give an even number of pixels.")
+        if not self.wavelengths or any(not 0 < one < math.inf for one in self.wavelengths):
+            raise UserError("--wavelength-nm: give one wavelength or more, in nanometres.")
 
     def as_data(self) -> dict[str, Any]:
         """Return the options as plain data, for the design file and to compare with a state's."""
-        data = asdict(self)
-        paths = {
-            name: None if data[name] is None else str(data[name]) for name in ("bench", "pictures")
-        }
-        return {**data, **paths, "wavelengths": list(self.wavelengths)}
+        paths = {"bench": self.bench, "pictures": self.pictures}
+        told = {name: None if path is None else str(path) for name, path in paths.items()}
+        return {**asdict(self), **told, "wavelengths": list(self.wavelengths)}

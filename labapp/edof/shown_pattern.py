@@ -72,7 +72,9 @@ def match_shown_pattern(
             f"for {1e9 * pattern.wavelength:g} nm. Choose a photograph of that wavelength "
             "(--wavelength-nm), or train a decoder for this one: labapp train edof."
         )
-    phase = _shown_phase(camera, grey, wavelength)
+    phase = grey_to_phase(panel, torch.from_numpy(grey), wavelength)
+    if panel.flatness is not None:
+        phase = phase + flatness_phase(panel, wavelength)
     strehl = strehl_ratio(phase, pattern.phase)
     same = bool(np.array_equal(grey, pattern.grey))
     if strehl < _LEAST_STREHL:
@@ -90,14 +92,6 @@ def strehl_ratio(phase: torch.Tensor, reference: torch.Tensor) -> float:
     """
     difference = phase.double() - reference.double()
     return float(difference.cos().mean().square() + difference.sin().mean().square())
-
-
-def _shown_phase(camera: Camera, grey: np.ndarray, wavelength: float) -> torch.Tensor:
-    """Return the phase that grey levels gave to light on a bench's panel, its flatness included."""
-    phase = grey_to_phase(camera.panel, torch.from_numpy(grey), wavelength)
-    if camera.panel.flatness is None:
-        return phase
-    return phase + flatness_phase(camera.panel, wavelength)
 
 
 def _describe_panel(camera: Camera) -> str:

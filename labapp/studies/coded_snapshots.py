@@ -41,17 +41,14 @@ def plan_snapshot(study: Study[Any], settings: SnapshotSettings, camera: Camera)
     Star and scene are taken with the neutral pattern and with the ring.
     """
     patterns = {RING: ring_table(settings)}
+    window = psf_window(settings, camera)
     return build_study_plan(
         study,
         patterns,
         *star_blocks(settings, patterns),
         band_block(settings, [settings.target], ["neutral", RING], settings.scene_ms),
         band_block(settings, ["flat"], ["neutral"], settings.sheet_ms),
-        reconstruct={
-            "coded": RING,
-            "photograph": settings.target,
-            "psf_window_px": psf_window(settings, camera),
-        },
+        reconstruct={"coded": RING, "photograph": settings.target, "psf_window_px": window},
     )
 
 

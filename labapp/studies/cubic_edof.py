@@ -64,11 +64,13 @@ def evaluate(record: Record, settings: CubicEdofSettings, progress: Progress) ->
     """Compare PSFs and MTFs in and out of focus, and restore the pictures."""
     brackets = merge_all(record, progress.part(0, 0.2))
     camera = record.camera
-    psfs = {
-        (star, pattern): _psf(record, brackets, star, pattern, settings)
-        for star in STAR_DISTANCES
-        for pattern in ("neutral", "cubic")
-    }
+    psfs = {}
+    for star in STAR_DISTANCES:
+        for pattern in ("neutral", "cubic"):
+            roles = Reconstruction(
+                star=star, coded=pattern, wavelength_nm=settings.wavelength_nm, psf_window_px=128
+            )
+            psfs[star, pattern] = measure_psf(record, brackets, roles).measured
     pictures = _restore_pictures(record, brackets, psfs, settings, progress.part(0.3, 0.95))
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
     del scores["sharp"]
@@ -79,11 +81,8 @@ def evaluate(record: Record, settings: CubicEdofSettings, progress: Progress) ->
         _separable_row(psfs),
         *(ResultRow.of_score(name, one, _PUBLISHED) for name, one in scores.items()),
     ]
-    plates = [
-        _pictures_figure(pictures, scores),
-        _psfs_figure(record, psfs),
-        _ambiguity_figure(waves, strength),
-    ]
+    plates = [_pictures_figure(pictures, scores), _psfs_figure(record, psfs)]
+    plates.append(_ambiguity_figure(waves, strength))
     notes = [
         "The photograph's near part is at 2 m, in focus, its far part at 2.2 m; nearer things hide "
         "farther ones. PSNR (peak 1) and SSIM are against a picture of all of it in focus, over "
@@ -99,15 +98,6 @@ def evaluate(record: Record, settings: CubicEdofSettings, progress: Progress) ->
 
 
 PSFsByStarAndPattern = dict[tuple[str, str], Picture]
-
-
-def _psf(
-    record: Record, brackets: list[Bracket], star: str, pattern: str, settings: CubicEdofSettings
-) -> Picture:
-    roles = Reconstruction(
-        star=star, coded=pattern, wavelength_nm=settings.wavelength_nm, psf_window_px=128
-    )
-    return measure_psf(record, brackets, roles).measured
 
 
 def _restore_pictures(
@@ -138,15 +128,12 @@ def _restore_pictures(
         "one PSF, total variation": _to_numpy(total_variation(one).image),
         "PSF of each depth, pasted": _to_numpy(paste_layers(seen, total_variation)),
     }
-    together = restore_layers(
-        seen, iterations=settings.iterations, progress=progress.part(0.3, 0.65)
-    )
+    count = settings.iterations
+    together = restore_layers(seen, iterations=count, progress=progress.part(0.3, 0.65))
     found["PSF of each depth, together"] = _to_numpy(together.image)
     opened = [psfs[star, "neutral"].astype(np.float32) for star in STAR_DISTANCES]
     plain = build_layered_observation((still / white).astype(np.float32), opened, layers)
-    sharpened = restore_layers(
-        plain, iterations=settings.iterations, progress=progress.part(0.65, 1)
-    )
+    sharpened = restore_layers(plain, iterations=count, progress=progress.part(0.65, 1))
     found["open aperture, PSF of each depth"] = _to_numpy(sharpened.image)
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -70,10 +70,12 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
     for number, (name, way) in enumerate(ways.items()):
         progress.report(0.3 + 0.4 * number / len(ways), name)
         pictures[name] = way().image.double().numpy() / white
-    plates, blind = [], None
+    kernel, trust = None, ""
     if settings.blind:
-        blind = _blind(seen, settings, record.camera, progress.part(0.7, 1))
-        pictures["blind"] = blind.restored / white
+        kernel, restored, trust = _restore_blindly(
+            seen, settings, record.camera, progress.part(0.7, 1)
+        )
+        pictures["blind"] = restored / white
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
     del scores["sharp"]
     better = dict.fromkeys(scores, "better than blurred") | {"blurred": "-"}
@@ -85,50 +87,38 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
         f"The noise, {seen.noise / white:.4f} of white, and all weights were found from the "
         "blurred photograph. The PSF was measured on a star.",
     ]
-    if blind is not None:
+    plates = [_restorations_figure(pictures, scores, psf, kernel)]
+    if kernel is not None:
         plates.append(_statistics(pictures["sharp"]))
         notes.append(
-            f"Blind: a kernel from the middle of the photograph, score {blind.score:.2f}, "
-            f"{blind.trust}. Where a blur lies nobody can tell from the photograph alone: the "
-            "kernel was moved to where the star's PSF lies. Total variation undoes it."
+            f"Blind: a kernel from the middle of the photograph, {trust}. Where a blur lies nobody "
+            "can tell from the photograph alone: the kernel was moved to where the star's PSF "
+            "lies. Total variation undoes it."
         )
     data = {name: one.as_data for name, one in scores.items()}
-    kernel = None if blind is None else blind.kernel
-    return StudyResults(
-        rows, [_restorations_figure(pictures, scores, psf, kernel), *plates], notes, data
-    )
+    return StudyResults(rows, plates, notes, data)
 
 
-@dataclass(frozen=True)
-class _Blind:
-    """Hold a blind restoration; only the kernel's position is taken from the star.
-
-    `score` and `trust` judge the kernel.
-    """
-
-    kernel: Picture
-    restored: Picture
-    score: float
-    trust: str
-
-
-def _blind(
+def _restore_blindly(
     observation: Observation, settings: DeconvolutionSettings, camera: Camera, progress: Progress
-) -> _Blind:
+) -> tuple[Picture, Picture, str]:
+    """Return a blind restoration: its kernel, the picture, and what judges the kernel.
+
+    Only the kernel's position is taken from the star.
+    """
     radius = (settings.radius_um + 2 * settings.width_um) * 1e-6 / camera.sensor.pitch
     size = 2 * math.ceil(radius) + 1
     # The kernel is estimated from the middle of the photograph, at most 255 pixels across.
     rows, columns = (min(n, 255) for n in observation.image.shape)
-    found = find_kernel(
-        centred_crop(observation.inpainted_image, (rows, columns)), size, progress=progress
-    )
+    middle = centred_crop(observation.inpainted_image, (rows, columns))
+    found = find_kernel(middle, size, progress=progress)
     kernel = np.asarray(found.psf, dtype=np.float64)
     away = _centroid(observation.psf.double().numpy()) - _centroid(kernel)
     room = math.ceil(float(np.abs(away).max())) + 1
     moved = np.clip(shift(np.pad(kernel, room), away, order=1), 0, None)
     again = replace(observation, psf=torch.from_numpy(moved / moved.sum()).to(observation.image))
     restored = total_variation(again).image.double().numpy()
-    return _Blind(moved, restored, found.score, found.verdict)
+    return moved, restored, f"score {found.score:.2f}, {found.verdict}"
 
 
 def _centroid(psf: Picture) -> Picture:
@@ -147,18 +137,14 @@ def _statistics(sharp: Picture) -> StudyFigure:
     mixture, heavy = (
         fit(torch.from_numpy(sharp)) for fit in (fit_mixture, fit_generalised_gaussian)
     )
-    normal = -0.5 * (lengths / (sharp_spread := float(np.std(np.diff(sharp))))).square()
+    spread = float(np.std(np.diff(sharp)))
+    normal = -0.5 * (lengths / spread).square() - math.log(spread * math.sqrt(2 * math.pi))
     figure = Figure(figsize=(8, 5), dpi=100, layout="constrained")
     axes = figure.subplots()
     axes.plot(lengths, density, ".", color="gray", label="gradients of the sharp photograph")
     axes.plot(lengths, mixture.log_density(lengths), label="mixture of three Gaussians")
     axes.plot(lengths, heavy.log_density(lengths), label=f"|gradient|^{heavy.power:.2f}")
-    axes.plot(
-        lengths,
-        normal - math.log(sharp_spread * math.sqrt(2 * math.pi)),
-        "--",
-        label="one Gaussian",
-    )
+    axes.plot(lengths, normal, "--", label="one Gaussian")
     axes.set(ylim=(-8, None), xlabel="gradient, of white a pixel", ylabel="log density")
     axes.legend()
     axes.grid(alpha=0.3)
@@ -174,10 +160,7 @@ _PUBLISHED = {
 
 
 def _restorations_figure(
-    pictures: dict[str, Picture],
-    scores: dict[str, Score],
-    psf: Picture,
-    kernel: Picture | None,
+    pictures: dict[str, Picture], scores: dict[str, Score], psf: Picture, kernel: Picture | None
 ) -> StudyFigure:
     figure = Figure(figsize=(17, 6.6), dpi=100, layout="constrained")
     axes = figure.subplots(2, 4).ravel()
@@ -189,8 +172,7 @@ def _restorations_figure(
         axes[-1].set_axis_off()
     else:
         axes[0].set_title("PSF: star, 4 decades; blind", fontsize=11)
-        inset = axes[0].inset_axes((0.64, 0.0, 0.36, 0.36))
-        draw_linear(inset, kernel, "")
+        draw_linear(axes[0].inset_axes((0.64, 0.0, 0.36, 0.36)), kernel, "")
     return StudyFigure(
         "Deconvolution", figure, "Fig. 2.9, on another photograph, through the bench."
     )

@@ -102,13 +102,9 @@ def judge_design(
     spectra = typical_reflectances(wavelengths)
     snapshot = chart_snapshot(psfs, wavelengths, mosaic, settings.side_px, settings.noise)
     restored = restore_spectra(snapshot.observation, torch.from_numpy(spectra), progress=progress)
+    shares, channels = filter_shares(mosaic, wavelengths), "".join(mosaic.channels)
     errors = predict_errors(
-        psfs,
-        filter_shares(mosaic, wavelengths),
-        mosaic.pattern,
-        spectra,
-        settings.noise,
-        channels="".join(mosaic.channels),
+        psfs, shares, mosaic.pattern, spectra, settings.noise, channels=channels
     )
     bands = np.asarray(restored.image)
     return DesignResult(

@@ -16,7 +16,7 @@ from labapp.studies.edof_pattern import (
     DESIGNED,
     NEUTRAL,
     PATTERNS,
-    shown_pattern,
+    pattern_in_pupil,
     trained_pattern,
 )
 from optics import metrics
@@ -24,7 +24,7 @@ from optics.camera import Camera
 from optics.edof.decoders import BlindDecoder, blind_wiener, decoding_transfers
 from optics.edof.learned import learned_decoder
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM, FrequencyGrid
-from optics.edof.protocol import STRICT, EdofProtocol, encode_srgb
+from optics.edof.protocol import STRICT, encode_srgb
 from optics.edof.protocol_psfs import PupilPattern, compute_depth_psfs
 from optics.plane import centred_crop
 from optics.progress import Progress
@@ -78,9 +78,14 @@ class DecodedPicture:
     ssim: float
     noise: float
 
+    @property
+    def scores(self) -> str:
+        """The scores in words."""
+        return f"{self.psnr:.1f} dB; in sRGB {self.srgb_psnr:.1f} dB, SSIM {self.ssim:.2f}"
 
-PictureKey = tuple[str, str, str]
-"""Target, pattern, and label of the decoder."""
+
+Pictures = Mapping[tuple[str, str, str], DecodedPicture]
+"""Decoded pictures by target, pattern, and label of the decoder."""
 
 
 def photograph_name(distance: float) -> str:
@@ -95,7 +100,17 @@ def decoders_of(
 
     The first one gives pictures back as they are.
     """
-    protocol = bench_protocol(camera, settings)
+    side = min(settings.frame_px, *camera.sensor.shape)
+    protocol = replace(
+        STRICT,
+        name="bench",
+        wavelength=settings.wavelength_nm * 1e-9,
+        pixel_pitch=camera.sensor.pitch,
+        pixel_response="area",
+        crop=side,
+        centre=min(settings.scored_px, side),
+        border="true",
+    )
     psfs = compute_depth_psfs(pattern, protocol.design_dioptres, camera, protocol)
     transfers = decoding_transfers(psfs, protocol)
     wiener = blind_wiener(lambda side: NATURAL_SPECTRUM.on_grid(FrequencyGrid(side)))
@@ -109,26 +124,6 @@ def decoders_of(
         network = NamedDecoder("filter and network", True, _build_restore(learned, transfers))
         decoders.append(network)
     return decoders
-
-
-def bench_protocol(camera: Camera, settings: EdofSettings) -> EdofProtocol:
-    """Return the protocol by which decoders take the camera's PSFs."""
-    side = decoded_side(camera, settings)
-    return replace(
-        STRICT,
-        name="bench",
-        wavelength=settings.wavelength_nm * 1e-9,
-        pixel_pitch=camera.sensor.pitch,
-        pixel_response="area",
-        crop=side,
-        centre=min(settings.scored_px, side),
-        border="true",
-    )
-
-
-def decoded_side(camera: Camera, settings: EdofSettings) -> int:
-    """Return the pixels along a side of the part of the frame that is decoded."""
-    return min(settings.frame_px, *camera.sensor.shape)
 
 
 def _build_restore(decoder: BlindDecoder, transfers: torch.Tensor) -> Restore:
@@ -162,7 +157,7 @@ def find_sharp_pictures(
     """Find what prints and objects look like in focus; UserError if they are dark."""
     found = {}
     for kind in (PRINT, OBJECTS) if settings.layered else (PRINT,):
-        light = _take_picture(record, brackets, f"{kind}-{SHARP}", NEUTRAL, settings).light
+        light, _ = _take_picture(record, brackets, f"{kind}-{SHARP}", NEUTRAL, settings)
         white = float(np.percentile(light, _WHITE_PERCENTILE))
         if not white > 0:
             raise UserError(
@@ -179,45 +174,30 @@ def decode_pictures(
     sharp: Mapping[str, SharpPicture],
     settings: EdofSettings,
     progress: Progress,
-) -> dict[PictureKey, DecodedPicture]:
+) -> Pictures:
     """Decode all recorded pictures behind all patterns, and score them.
 
     Raises UserError if pictures are missing or clipped.
     """
-    camera = record.camera
+    camera, wavelength = record.camera, settings.wavelength_nm * 1e-9
     prints = [photograph_name(one) for one in settings.distances_m]
-    found: dict[PictureKey, DecodedPicture] = {}
+    found = {}
     for number, name in enumerate(PATTERNS):
         progress.report(number / len(PATTERNS), f"decoders for {name}")
-        pattern = shown_pattern(record, name, camera, settings.wavelength_nm * 1e-9)
-        decoders = decoders_of(pattern, camera, settings)
+        grey = torch.from_numpy(record.pattern(name))
+        decoders = decoders_of(pattern_in_pupil(name, grey, camera, wavelength), camera, settings)
         for kind, truth in sharp.items():
             targets = prints if kind == PRINT else [OBJECTS]
-            found |= _decode_kind(record, brackets, targets, name, decoders, truth, settings)
-    return found
-
-
-def _decode_kind(
-    record: Record,
-    brackets: list[Bracket],
-    targets: list[str],
-    pattern: str,
-    decoders: list[NamedDecoder],
-    truth: SharpPicture,
-    settings: EdofSettings,
-) -> dict[PictureKey, DecodedPicture]:
-    """Decode pictures of one kind, which have one noise, behind one pattern."""
-    taken = [_take_picture(record, brackets, one, pattern, settings) for one in targets]
-    # One filter serves all of them: a noise of its own would tell a decoder something of the depth.
-    noise = float(np.sqrt(np.mean([one.variance for one in taken]))) / truth.white
-    found = {}
-    for target, picture in zip(targets, taken, strict=True):
-        image = torch.from_numpy(picture.light / truth.white).to(torch.float32)
-        for decoder in decoders:
-            restored = decoder.restore(image, noise).double().numpy()
-            found[target, pattern, decoder.label] = score_picture(
-                restored, truth.image, noise, settings
-            )
+            taken = [_take_picture(record, brackets, one, name, settings) for one in targets]
+            # One filter serves all pictures of a kind: a noise of its own would tell a decoder
+            # something of the depth.
+            noise = float(np.sqrt(np.mean([variance for _, variance in taken]))) / truth.white
+            for target, (light, _) in zip(targets, taken, strict=True):
+                image = torch.from_numpy(light / truth.white).to(torch.float32)
+                for decoder in decoders:
+                    restored = decoder.restore(image, noise).double().numpy()
+                    scored = score_picture(restored, truth.image, noise, settings)
+                    found[target, name, decoder.label] = scored
     return found
 
 
@@ -231,27 +211,14 @@ def score_picture(
         for one in (image, truth)
     )
     coded, aim = (encode_srgb(one.clamp(0, 1)) for one in (seen, wanted))
-    return DecodedPicture(
-        image,
-        metrics.psnr(seen, wanted),
-        metrics.psnr(coded, aim),
-        metrics.ssim(coded, aim),
-        noise,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _TakenPicture:
-    """The middle of a picture as taken: electrons per second, and mean variance."""
-
-    light: Picture
-    variance: float
+    srgb_psnr, ssim = metrics.psnr(coded, aim), metrics.ssim(coded, aim)
+    return DecodedPicture(image, metrics.psnr(seen, wanted), srgb_psnr, ssim, noise)
 
 
 def _take_picture(
     record: Record, brackets: list[Bracket], target: str, pattern: str, settings: EdofSettings
-) -> _TakenPicture:
-    """Cut the part that is decoded out of a recorded picture."""
+) -> tuple[Picture, float]:
+    """Cut the part that is decoded out of a picture: electrons per second, and mean variance."""
     wavelength = settings.wavelength_nm * 1e-9
     bracket = find_bracket(brackets, target, pattern, wavelength, record.path)
     side = min(settings.frame_px, *bracket.rate.shape)
@@ -265,20 +232,9 @@ def _take_picture(
             f"{record.path}: {int((~known).sum())} pixels of {target} with {pattern} are clipped "
             "in every exposure. Expose it shorter: the settings 'scene_ms' and 'sharp_ms'."
         )
-    return _TakenPicture(light, float(variance.mean()))
+    return light, float(variance.mean())
 
 
-def mean_scores(
-    found: Mapping[PictureKey, DecodedPicture], pattern: str, label: str
-) -> list[DecodedPicture]:
-    """Return the decoded prints behind a pattern by a decoder, in the order of the distances."""
-    return [
-        one
-        for (target, name, decoder), one in found.items()
-        if target.startswith(PRINT) and (name, decoder) == (pattern, label)
-    ]
-
-
-def labels_of(found: Mapping[PictureKey, DecodedPicture]) -> list[str]:
+def labels_of(found: Pictures) -> list[str]:
     """Return the labels of all decoders, in order."""
     return list(dict.fromkeys(label for _, name, label in found if name == DESIGNED))

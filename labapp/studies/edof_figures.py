@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from labapp.pictures.analysis.brackets import Picture
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.edof import EdofSettings
 from labapp.studies.contract import StudyFigure
-from labapp.studies.edof_decoding import OBJECTS, PRINT, SharpPicture, labels_of, photograph_name
+from labapp.studies.edof_decoding import (
+    OBJECTS,
+    PRINT,
+    Pictures,
+    SharpPicture,
+    labels_of,
+    photograph_name,
+)
 from labapp.studies.edof_pattern import DESIGNED, NEUTRAL, PATTERNS, RINGS
-from labapp.studies.edof_rows import Pictures, PSFs
+from labapp.studies.edof_psfs import PSFs
 from labapp.studies.figure_drawing import draw_log, draw_pattern, draw_photograph
 
 
@@ -27,12 +32,29 @@ def draw_results(
     settings: EdofSettings,
 ) -> list[StudyFigure]:
     """Draw PSFs over depth, scores over depth, and decoded pictures."""
+    distances = sorted(settings.distances_m)
+    chosen = sorted({distances[0], distances[len(distances) // 2], distances[-1]})
+    shown = {f"{one:g} m": photograph_name(one) for one in chosen}
+    prints = StudyFigure(
+        "Prints at several distances",
+        _picture_rows(pictures, shown, sharp[PRINT], settings.scored_px),
+        "Fig. 5.9 to 5.11: each pattern as taken, and decoded; PSNR in linear light. The part that "
+        "is scored.",
+    )
     found = [
         _psfs_figure(record, psfs, settings),
         _scores_figure(psfs, pictures, settings),
-        _prints_figure(pictures, sharp[PRINT], settings),
+        prints,
     ]
-    return [*found, _objects_figure(pictures, sharp[OBJECTS])] if settings.layered else found
+    if settings.layered:
+        objects = StudyFigure(
+            "Objects that hide each other",
+            _picture_rows(pictures, {OBJECTS: OBJECTS}, sharp[OBJECTS], None),
+            "Fig. 5.13: a filter takes a picture for a convolution, which it isn't where an object "
+            "hides a part of the light behind it. PSNR is of the middle.",
+        )
+        found.append(objects)
+    return found
 
 
 def _psfs_figure(record: Record, psfs: PSFs, settings: EdofSettings) -> StudyFigure:
@@ -43,9 +65,10 @@ def _psfs_figure(record: Record, psfs: PSFs, settings: EdofSettings) -> StudyFig
     grid = figure.add_gridspec(4, len(widths), width_ratios=widths)
     for number, name in enumerate((DESIGNED, RINGS)):
         first = 2 * number
-        _draw_bright_pattern(
-            figure.add_subplot(grid[first : first + 2, 0]), record.pattern(name), name
-        )
+        # A pattern that uses a part of the grey levels is drawn from black to white.
+        grey = record.pattern(name)
+        shown = (grey.astype(np.float64) * (255 / max(int(grey.max()), 1))).round().astype(np.uint8)
+        draw_pattern(figure.add_subplot(grid[first : first + 2, 0]), shown, name)
         peak = max(float(psfs[name, distance].measured.max()) for distance in distances)
         for column, distance in enumerate(distances, 1):
             for row, kind in enumerate(("measured", "simulated"), first):
@@ -57,12 +80,6 @@ def _psfs_figure(record: Record, psfs: PSFs, settings: EdofSettings) -> StudyFig
         f"Fig. 5.7 and 5.8: {settings.psf_px} pixels along a side, 4 decades below the brightest "
         "pixel of a pattern. Measured on stars, unmodulated light included.",
     )
-
-
-def _draw_bright_pattern(axes: Axes, grey: NDArray[np.uint8], title: str) -> None:
-    """Draw a pattern that uses a part of the grey levels, from black to white."""
-    shown = grey.astype(np.float64) * (255 / max(int(grey.max()), 1))
-    draw_pattern(axes, shown.round().astype(np.uint8), title)
 
 
 def _scores_figure(psfs: PSFs, pictures: Pictures, settings: EdofSettings) -> StudyFigure:
@@ -99,29 +116,6 @@ def _scores_figure(psfs: PSFs, pictures: Pictures, settings: EdofSettings) -> St
     )
 
 
-def _prints_figure(pictures: Pictures, sharp: SharpPicture, settings: EdofSettings) -> StudyFigure:
-    """Draw the prints at three distances, as taken and decoded."""
-    distances = sorted(settings.distances_m)
-    chosen = sorted({distances[0], distances[len(distances) // 2], distances[-1]})
-    shown = {f"{one:g} m": photograph_name(one) for one in chosen}
-    return StudyFigure(
-        "Prints at several distances",
-        _picture_rows(pictures, shown, sharp, settings.scored_px),
-        "Fig. 5.9 to 5.11: each pattern as taken, and decoded; PSNR in linear light. The part that "
-        "is scored.",
-    )
-
-
-def _objects_figure(pictures: Pictures, sharp: SharpPicture) -> StudyFigure:
-    """Draw the objects that hide each other, as taken and decoded."""
-    return StudyFigure(
-        "Objects that hide each other",
-        _picture_rows(pictures, {OBJECTS: OBJECTS}, sharp, None),
-        "Fig. 5.13: a filter takes a picture for a convolution, which it isn't where an object "
-        "hides a part of the light behind it. PSNR is of the middle.",
-    )
-
-
 def _picture_rows(
     pictures: Pictures, targets: Mapping[str, str], sharp: SharpPicture, side: int | None
 ) -> Figure:
@@ -137,15 +131,15 @@ def _picture_rows(
     # An empty title leaves room that constrained layout doesn't leave above square axes.
     figure.suptitle(" ")
     for line, (title, target) in zip(axes, targets.items(), strict=True):
-        draw_photograph(line[0], _middle(sharp.image, side), "in focus", 1.0)
+        draw_photograph(line[0], _crop_middle(sharp.image, side), "in focus", 1.0)
         for one, (name, label) in zip(line[1:], columns, strict=True):
             found = pictures[target, name, label]
             words = f"{title}, {name}\n{label}, {found.psnr:.1f} dB"
-            draw_photograph(one, _middle(found.image, side), words, 1.0)
+            draw_photograph(one, _crop_middle(found.image, side), words, 1.0)
     return figure
 
 
-def _middle(image: Picture, side: int | None) -> Picture:
+def _crop_middle(image: Picture, side: int | None) -> Picture:
     """Cut the middle out of a picture; None leaves it whole."""
     if side is None or side >= min(image.shape):
         return image

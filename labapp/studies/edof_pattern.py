@@ -16,7 +16,6 @@ from labapp.edof.trained_pattern import (
 )
 from labapp.files.design_file import read_design
 from labapp.files.output_paths import is_design
-from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.edof import EdofSettings
 from optics.camera import Camera
 from optics.edof.dioptres import DEPTH_RANGE
@@ -62,14 +61,6 @@ def design_path(settings: EdofSettings) -> Path:
     return path.absolute()
 
 
-def shown_pattern(record: Record, name: str, camera: Camera, wavelength: float) -> PupilPattern:
-    """Return what the record showed as a pattern in the pupil, by the bench's description.
-
-    wavelength: metres.
-    """
-    return pattern_in_pupil(name, torch.from_numpy(record.pattern(name)), camera, wavelength)
-
-
 def pattern_in_pupil(
     name: str, grey: torch.Tensor, camera: Camera, wavelength: float
 ) -> PupilPattern:
@@ -77,10 +68,11 @@ def pattern_in_pupil(
 
     A panel that is calibrated has a response and a flatness; fringing dims pixels beside a jump of
     the phase.
+    wavelength: metres.
     """
-    modulator = Modulator(camera.panel, wavelength)
-    phase = modulator.phase(grey)
     panel = camera.panel
+    modulator = Modulator(panel, wavelength)
+    phase = modulator.phase(grey)
     if not (panel.coupling or panel.gap_reflection or panel.flatness or panel.illumination):
         return PupilPattern(name, phase)
     field = modulator.modulation(phase)

@@ -46,6 +46,10 @@ class ComparedPSF:
         return math.sqrt(max(self.difference**2 - self.noise**2, 0.0))
 
 
+PSFs = Mapping[tuple[str, float], ComparedPSF]
+"""Compared PSFs by pattern and distance in metres."""
+
+
 def star_name(distance: float) -> str:
     """Return the target name of the star at a distance in metres."""
     return f"star-{distance * 100:.0f}cm"
@@ -63,30 +67,20 @@ def compare_psfs(
     Raises UserError if the record doesn't describe its stars.
     """
     wanted = [(name, distance) for name in patterns for distance in settings.distances_m]
-    found = {}
+    nm, window, found = settings.wavelength_nm, settings.psf_px, {}
     for number, (name, distance) in enumerate(wanted):
         progress.report(number / len(wanted), f"PSF of {name}, {distance:g} m")
-        found[name, distance] = _compare_star(record, brackets, name, distance, settings)
+        roles = Reconstruction(
+            star=star_name(distance), coded=name, wavelength_nm=nm, psf_window_px=window
+        )
+        report = measure_psf(record, brackets, roles)
+        simulated = report.measured if report.predicted is None else report.predicted
+        shift = fit_shift(report.measured, simulated)
+        moved = move_picture(simulated, shift)
+        difference = float(np.linalg.norm(report.measured - moved) / np.linalg.norm(moved))
+        noise = _noise_norm(record, brackets, roles) / float(np.linalg.norm(moved))
+        found[name, distance] = ComparedPSF(report.measured, moved, shift, difference, noise)
     return found
-
-
-def _compare_star(
-    record: Record, brackets: list[Bracket], name: str, distance: float, settings: EdofSettings
-) -> ComparedPSF:
-    """Compare the PSF of one pattern at one distance with the simulated one."""
-    roles = Reconstruction(
-        star=star_name(distance),
-        coded=name,
-        wavelength_nm=settings.wavelength_nm,
-        psf_window_px=settings.psf_px,
-    )
-    report = measure_psf(record, brackets, roles)
-    simulated = report.measured if report.predicted is None else report.predicted
-    shift = fit_shift(report.measured, simulated)
-    moved = move_picture(simulated, shift)
-    difference = float(np.linalg.norm(report.measured - moved) / np.linalg.norm(moved))
-    noise = _noise_norm(record, brackets, roles) / float(np.linalg.norm(moved))
-    return ComparedPSF(report.measured, moved, shift, difference, noise)
 
 
 def _noise_norm(record: Record, brackets: list[Bracket], roles: Reconstruction) -> float:
@@ -112,7 +106,6 @@ def fit_shift(measured: Picture, simulated: Picture) -> tuple[float, float]:
     # The other half of the frequencies adds as much, but for those that are their own mirror image.
     product[:, 1 : (simulated.shape[1] + 1) // 2] *= 2
     fy, fx = _frequencies(simulated.shape)
-
     scale = float(np.abs(product).sum()) or 1.0
 
     def unlike(shift: NDArray[np.float64]) -> float:
@@ -133,15 +126,11 @@ def move_picture(picture: Picture, shift: tuple[float, float]) -> Picture:
 
 def _frequencies(shape: tuple[int, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the frequencies (y, x) of the grid of rfft2, cycles per pixel."""
-    rows, columns = shape
-    down, along = (
-        np.asarray(one, dtype=np.float64)
-        for one in (np.fft.fftfreq(rows), np.fft.rfftfreq(columns))
-    )
-    return down[:, None], along[None, :]
+    down, along = np.fft.fftfreq(shape[0]), np.fft.rfftfreq(shape[1])
+    return np.asarray(down[:, None], np.float64), np.asarray(along[None, :], np.float64)
 
 
-def likeness_over_depth(psfs: Mapping[tuple[str, float], ComparedPSF], name: str) -> float:
+def likeness_over_depth(psfs: PSFs, name: str) -> float:
     """Return the mean correlation of measured PSFs with their mean over depth."""
     stack = [one.measured.ravel() for (pattern, _), one in psfs.items() if pattern == name]
     mean = np.mean(stack, axis=0)

@@ -14,6 +14,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from labapp.files.cubes import SpectralCube
+from labapp.spectral.drawing import srgb_levels
+from labapp.spectral.lights import ViewingLight
+
 
 def draw_linear(axes: Axes, picture: NDArray[Any], title: str, white: float | None = None) -> None:
     """Draw a picture on a linear scale up to `white`, or to its 99.8th percentile."""
@@ -41,6 +45,12 @@ def draw_photograph(axes: Axes, picture: NDArray[Any], title: str, white: float)
 def draw_pattern(axes: Axes, grey: NDArray[np.uint8], title: str) -> None:
     """Draw a pattern's grey levels, black at 0 and white at 255."""
     axes.imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+    _bare(axes, title)
+
+
+def draw_colours(axes: Axes, cube: SpectralCube, light: ViewingLight, title: str) -> None:
+    """Draw a cube's colours in a light, as sRGB."""
+    axes.imshow(srgb_levels(cube, light), interpolation="nearest")
     _bare(axes, title)
 
 

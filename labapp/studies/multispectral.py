@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from labapp.files.plan_file import PlanFile
 from labapp.files.wavelengths import format_nanometres
 from labapp.runs.record.reader import Record
-from labapp.spectral.lights import find_light
-from labapp.spectral.problem import SpectralProblem
+from labapp.spectral.lights import ViewingLight, find_light
+from labapp.spectral.problem import WHITE_PERCENTILE, SpectralProblem
 from labapp.spectral.restoration import RestoredCube, restore_snapshot
 from labapp.spectral.scores import CubeScores
 from labapp.studies.catalogue.multispectral import STUDY, MultispectralSettings
 from labapp.studies.coded_snapshots import plan_snapshot, read_problem
-from labapp.studies.contract import ResultRow, StudyResults
-from labapp.studies.spectral_figures import bands_figure, overview_figure
+from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
+from labapp.studies.figure_drawing import draw_colours, draw_log, draw_photograph
 from optics.camera import Camera
 from optics.progress import Progress
 
@@ -39,10 +42,7 @@ def evaluate(record: Record, settings: MultispectralSettings, progress: Progress
     problem = read_problem(record, progress.part(0, 0.4))
     restored = restore_snapshot(problem, light, progress=progress.part(0.4, 0.95))
     assert restored.scores is not None
-    figures = [
-        overview_figure(problem, restored, light),
-        bands_figure(problem, restored),
-    ]
+    figures = [_overview_figure(problem, restored, light), _bands_figure(problem, restored)]
     notes = [
         "PSNR (peak 1, which is white) and SSIM (range 1) are over the whole frame, against the "
         "photographs without a pattern. Those are demosaiced pictures of one colour: a quarter or "
@@ -116,3 +116,38 @@ def _published_band(wavelength: float) -> str:
 def _finite(value: float) -> float | None:
     """Return a score, or None for one that isn't known."""
     return value if math.isfinite(value) else None
+
+
+def _overview_figure(
+    problem: SpectralProblem, restored: RestoredCube, light: ViewingLight
+) -> StudyFigure:
+    """Draw the snapshot beside the colours of the restored and of the true cube."""
+    figure = Figure(figsize=(16, 4.4), dpi=100, layout="constrained")
+    axes = figure.subplots(1, 3)
+    rate = np.nan_to_num(problem.rate)
+    bright = float(np.percentile(rate, WHITE_PERCENTILE))
+    draw_photograph(axes[0], rate, "snapshot, bare pixels", max(bright, 1e-300))
+    apart = "" if restored.scores is None else f", CIEDE2000 {restored.scores.difference:.1f}"
+    draw_colours(axes[1], restored.cube, light, f"restored{apart}")
+    if restored.truth is not None:
+        draw_colours(axes[2], restored.truth, light, "true")
+    return StudyFigure(
+        "Snapshot and colours",
+        figure,
+        f"Fig. 4.8 (m) to (o): colours of the bands in {light.name}, adapted to it.",
+    )
+
+
+def _bands_figure(problem: SpectralProblem, restored: RestoredCube) -> StudyFigure:
+    """Draw each restored band beside the true one, with the PSFs below."""
+    count = len(problem.wavelengths)
+    figure = Figure(figsize=(2.7 * max(count, 3), 6.4), dpi=100, layout="constrained")
+    columns = figure.subplots(3, count, squeeze=False).T
+    for band, axes in enumerate(columns):
+        level = "" if restored.scores is None else f", {restored.scores.bands[band].psnr:.1f} dB"
+        name = format_nanometres(problem.wavelengths[band])
+        draw_photograph(axes[0], restored.cube.values[band], f"{name}{level}", 1.0)
+        if restored.truth is not None:
+            draw_photograph(axes[1], restored.truth.values[band], "true", 1.0)
+        draw_log(axes[2], problem.psfs[band], "PSF, 4 decades")
+    return StudyFigure("Bands", figure, "Fig. 4.3 (c) to (h), and Fig. 4.8 (a) to (l).")

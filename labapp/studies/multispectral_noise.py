@@ -46,6 +46,10 @@ class _Restored:
         return float(np.mean(self.levels))
 
 
+_ByWay = Mapping[str, Mapping[float, _Restored]]
+"""What is restored from the bench and from computed snapshots, by the noise's deviation."""
+
+
 def plan(settings: MultispectralNoiseSettings, camera: Camera) -> PlanFile:
     """Plan star, scene and white sheet in all bands, without and with the ring."""
     return plan_snapshot(STUDY, settings, camera)
@@ -58,14 +62,8 @@ def evaluate(
     problem = read_problem(record, progress.part(0, 0.2))
     measured = _restore_measured(problem, settings.noise, progress.part(0.2, 0.5))
     computed = _restore_computed(record, settings, progress.part(0.5, 1))
-    rows = [
-        row
-        for sigma in settings.noise
-        for row in (
-            _row(sigma, "bench", measured[sigma], _format_published(sigma)),
-            _row(sigma, "computed", computed[sigma], _format_published(sigma)),
-        )
-    ]
+    ways = {"bench": measured, "computed": computed}
+    rows = [_row(sigma, kind, one[sigma]) for sigma in settings.noise for kind, one in ways.items()]
     notes = [
         "Bench: noise is added to the snapshot of the camera, whose own noise is in it as well, "
         "and its size is estimated. White is 1. PSFs are measured on the star.",
@@ -78,10 +76,9 @@ def evaluate(
     ]
     data = {
         name: {f"{sigma:g}": list(one.levels) for sigma, one in found.items()}
-        for name, found in (("bench", measured), ("computed", computed))
+        for name, found in ways.items()
     }
-    figures = [_curves_figure(measured, computed), _bands_figure(measured, computed)]
-    return StudyResults(rows, figures, notes, data)
+    return StudyResults(rows, [_curves_figure(ways), _bands_figure(ways)], notes, data)
 
 
 def add_noise(problem: SpectralProblem, sigma: float, seed: int) -> SpectralProblem:
@@ -142,25 +139,19 @@ def _restore_computed(
     return found
 
 
-def _row(sigma: float, kind: str, found: _Restored, published: str) -> ResultRow:
+def _row(sigma: float, kind: str, found: _Restored) -> ResultRow:
     """Return the row of one noise, measured or computed."""
+    published = f"{PUBLISHED[sigma]:.1f} dB (Table 4.2)" if sigma in PUBLISHED else "-"
     spread = f", {min(found.levels):.1f} to {max(found.levels):.1f}" if found.levels[1:] else ""
     what = f"mean PSNR at a noise of {sigma:g}, {kind}"
     return ResultRow(what, published, "-", f"{found.mean:.1f} dB{spread}", found.mean)
 
 
-def _format_published(sigma: float) -> str:
-    """Return the published PSNR at a noise, in words."""
-    return f"{PUBLISHED[sigma]:.1f} dB (Table 4.2)" if sigma in PUBLISHED else "-"
-
-
-def _curves_figure(
-    measured: Mapping[float, _Restored], computed: Mapping[float, _Restored]
-) -> StudyFigure:
+def _curves_figure(ways: _ByWay) -> StudyFigure:
     """Draw PSNR against noise beside the published one."""
     figure = Figure(figsize=(7.5, 4.6), dpi=100, layout="constrained")
     axes = figure.subplots()
-    for name, found in (("bench", measured), ("computed", computed)):
+    for name, found in ways.items():
         axes.plot(list(found), [one.mean for one in found.values()], "o-", label=name)
     axes.plot(list(PUBLISHED), list(PUBLISHED.values()), "s--", color="gray", label="published")
     axes.set(xlabel="standard deviation of the noise, of white", ylabel="mean PSNR of bands, dB")
@@ -169,14 +160,13 @@ def _curves_figure(
     return StudyFigure("Quality against noise", figure, "Table 4.2, drawn.")
 
 
-def _bands_figure(
-    measured: Mapping[float, _Restored], computed: Mapping[float, _Restored]
-) -> StudyFigure:
+def _bands_figure(ways: _ByWay) -> StudyFigure:
     """Draw the first and the last restored band at each noise."""
-    figure = Figure(figsize=(2.9 * max(len(measured), 2), 10.4), dpi=100, layout="constrained")
-    columns = figure.subplots(4, len(measured), squeeze=False).T
-    for sigma, axes in zip(measured, columns, strict=True):
-        for at, (name, found) in enumerate((("bench", measured), ("computed", computed))):
+    sigmas = ways["bench"]
+    figure = Figure(figsize=(2.9 * max(len(sigmas), 2), 10.4), dpi=100, layout="constrained")
+    columns = figure.subplots(4, len(sigmas), squeeze=False).T
+    for sigma, axes in zip(sigmas, columns, strict=True):
+        for at, (name, found) in enumerate(ways.items()):
             bands = found[sigma].bands
             draw_photograph(axes[2 * at], bands[0], f"{name}, noise {sigma:g}, first band", 1.0)
             draw_photograph(axes[2 * at + 1], bands[-1], "last band", 1.0)

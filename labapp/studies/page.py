@@ -62,6 +62,11 @@ def study_html(account: CompletedStudy, pictures: list[bytes]) -> str:
         f"<h2>{escape(movie.title)}</h2>" + html_figure(movie.data, movie.caption, "gif")
         for movie in results.animations
     ]
+    values = account.settings.model_dump(mode="json")
+    settings = [
+        [one["key"], json.dumps(values[one["key"]], ensure_ascii=False), one["what"]]
+        for one in describe_keys(type(account.settings))
+    ]
     return document(
         study.title,
         [
@@ -76,7 +81,7 @@ def study_html(account: CompletedStudy, pictures: list[bytes]) -> str:
             *plates,
             *movies,
             "<h2>Settings</h2>",
-            html_table(["key", "value", "what it is"], _settings(account)),
+            html_table(["key", "value", "what it is"], settings),
             f"<p>Seed {account.seed}; record {escape(account.record.name)}.</p>",
             "<h2>Time</h2>",
             html_table(
@@ -90,6 +95,11 @@ def study_html(account: CompletedStudy, pictures: list[bytes]) -> str:
 def study_as_data(account: CompletedStudy) -> dict[str, Any]:
     """Return all results but the figures, as plain data for JSON."""
     results = account.results
+    rows = [asdict(row) for row in results.rows]
+    for row in rows:
+        # JSON can't express what isn't finite.
+        if row["value"] is not None and not math.isfinite(row["value"]):
+            row["value"] = None
     return {
         "study": account.name,
         "title": account.study.title,
@@ -99,23 +109,9 @@ def study_as_data(account: CompletedStudy) -> dict[str, Any]:
         "seed": account.seed,
         "record": account.record.name,
         "simulated": account.simulated_devices,
-        "rows": [_without_infinities(asdict(row)) for row in results.rows],
+        "rows": rows,
         "notes": list(results.notes),
         "data": dict(results.data),
         "seconds": dict(account.stage_seconds),
         "version": labapp.__version__,
     }
-
-
-def _settings(account: CompletedStudy) -> list[list[str]]:
-    values = account.settings.model_dump(mode="json")
-    return [
-        [one["key"], json.dumps(values[one["key"]], ensure_ascii=False), one["what"]]
-        for one in describe_keys(type(account.settings))
-    ]
-
-
-def _without_infinities(row: dict[str, Any]) -> dict[str, Any]:
-    """Replace a value that isn't finite by None, since JSON can't express it."""
-    value = row["value"]
-    return row | {"value": value if value is None or math.isfinite(value) else None}

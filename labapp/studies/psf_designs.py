@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from labapp.files.cubes import SpectralCube
 from labapp.files.cubes.cube import SHARE_OF_WHITE
 from labapp.files.plan_file import PlanFile, Reconstruction
+from labapp.files.wavelengths import format_nanometres
 from labapp.pictures.analysis.brackets import merge_all
 from labapp.runs.record.reader import Record
 from labapp.spectral.band_psfs import measure_band_psfs
@@ -31,7 +32,7 @@ from labapp.studies.design_judgement import (
     judge_design,
     longest_radius,
 )
-from labapp.studies.spectral_figures import draw_colours, psf_figure
+from labapp.studies.figure_drawing import draw_colours, draw_log
 from labapp.studies.stars import build_study_plan, psf_pattern_table
 from optics.camera import Camera
 from optics.multispectral import restore_spectra, ring_psfs
@@ -52,18 +53,15 @@ _PUBLISHED_TWELVE = 35.4812
 
 def plan(settings: PSFDesignSettings, camera: Camera) -> PlanFile:
     """Plan the star in all bands, without a pattern and with that of each shape."""
-    patterns: dict[str, Any] = {
-        shape: _pattern(shape, settings) for shape in dict.fromkeys(settings.shapes)
-    }
+    patterns: dict[str, Any] = {}
+    for shape in dict.fromkeys(settings.shapes):
+        if shape == "ring":
+            patterns[shape] = ring_table(settings)
+        else:
+            more = {"turns": settings.turns} if shape == "spiral" else {"count": settings.dots}
+            table = psf_pattern_table(settings, shape, radius_um=settings.radius_um, **more)
+            patterns[shape] = table
     return build_study_plan(STUDY, patterns, *star_blocks(settings, patterns))
-
-
-def _pattern(shape: str, settings: PSFDesignSettings) -> dict[str, Any]:
-    """Return the plan table of the pattern whose PSF has a shape."""
-    if shape == "ring":
-        return ring_table(settings)
-    more = {"turns": settings.turns} if shape == "spiral" else {"count": settings.dots}
-    return psf_pattern_table(settings, shape, radius_um=settings.radius_um, **more)
 
 
 def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) -> StudyResults:
@@ -71,15 +69,14 @@ def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) ->
     wavelengths = tuple(one * 1e-9 for one in settings.bands_nm)
     camera = record.camera
     mosaic = mosaic_of(record) or bundled_mosaic()
-    measured = _measure_psfs(record, settings, camera, wavelengths, progress.part(0, 0.2))
+    measured = _measure_psfs(record, settings, wavelengths, progress.part(0, 0.2))
     drawn = draw_designs(settings, camera, wavelengths)
     stacks = {f"{name}, bench": one for name, one in measured.items()}
     stacks |= {f"{name}, drawn": one for name, one in drawn.items()}
     found = dict[str, DesignResult]()
     for number, (name, psfs) in enumerate(stacks.items()):
-        part = progress.part(
-            0.2 + 0.6 * number / len(stacks), 0.2 + 0.6 * (number + 1) / len(stacks)
-        )
+        start, stop = (0.2 + 0.6 * one / len(stacks) for one in (number, number + 1))
+        part = progress.part(start, stop)
         found[name] = judge_design(psfs, wavelengths, mosaic, settings, part)
     rows = [*_power_rows(found, len(wavelengths)), *_level_rows(found)]
     if settings.twelve:
@@ -102,14 +99,7 @@ def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) ->
         "Expected is a prediction from PSFs, filters and noise alone, for usual scenes. A "
         "chart may differ from it by several decibels, but alike for all designs.",
     ]
-    figures = [
-        _colours_figure(found, wavelengths, settings),
-        psf_figure(
-            {name: one.psfs for name, one in found.items()},
-            wavelengths,
-            "Fig. 4.4 and Fig. A.1 to A.3, 4 decades below the design's peak.",
-        ),
-    ]
+    figures = [_colours_figure(found, wavelengths, settings), _psfs_figure(found, wavelengths)]
     data = {
         name: {
             "dispersion_power": one.power,
@@ -125,21 +115,16 @@ def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) ->
 def _measure_psfs(
     record: Record,
     settings: PSFDesignSettings,
-    camera: Camera,
     wavelengths: Sequence[float],
     progress: Progress,
 ) -> dict[str, Stack]:
     """Measure the PSFs of each pattern on the star, each of sum 1."""
     brackets = merge_all(record, progress, {"star"})
-    window = psf_window(settings, camera)
-    return {
-        shape: measure_band_psfs(
-            record, brackets, Reconstruction(coded=shape, psf_window_px=window), wavelengths
-        )
-        .with_unit_sums()
-        .psfs
-        for shape in dict.fromkeys(settings.shapes)
-    }
+    window, found = psf_window(settings, record.camera), dict[str, Stack]()
+    for shape in dict.fromkeys(settings.shapes):
+        roles = Reconstruction(coded=shape, psf_window_px=window)
+        found[shape] = measure_band_psfs(record, brackets, roles, wavelengths).with_unit_sums().psfs
+    return found
 
 
 def _power_rows(found: Mapping[str, DesignResult], bands: int) -> list[ResultRow]:
@@ -187,12 +172,8 @@ def _twelve_row(
     nm = np.linspace(min(settings.bands_nm), max(settings.bands_nm), _TWELVE)
     wavelengths = tuple((nm * 1e-9).tolist())
     pitch, window = camera.sensor.pitch, psf_window(settings, camera)
-    psfs = ring_psfs(
-        Plane((window, window), (pitch, pitch)),
-        wavelengths,
-        longest_radius(settings),
-        unmodulated=settings.peak,
-    ).numpy()
+    plane, radius = Plane((window, window), (pitch, pitch)), longest_radius(settings)
+    psfs = ring_psfs(plane, wavelengths, radius, unmodulated=settings.peak).numpy()
     snapshot = chart_snapshot(psfs, wavelengths, mosaic, settings.side_px, 0.0)
     spectra = torch.from_numpy(typical_reflectances(wavelengths))
     restored = restore_spectra(snapshot.observation, spectra, progress=progress)
@@ -207,9 +188,7 @@ def _twelve_row(
 
 
 def _colours_figure(
-    found: Mapping[str, DesignResult],
-    wavelengths: tuple[float, ...],
-    settings: PSFDesignSettings,
+    found: Mapping[str, DesignResult], wavelengths: tuple[float, ...], settings: PSFDesignSettings
 ) -> StudyFigure:
     """Draw the colours of the chart that each design restores."""
     light = find_light("D65")
@@ -226,3 +205,17 @@ def _colours_figure(
     for axes in all_axes[len(pictures) :]:
         axes.set_axis_off()
     return StudyFigure("Restored charts", figure, "Fig. 4.10 and 4.11: colours in D65.")
+
+
+def _psfs_figure(found: Mapping[str, DesignResult], wavelengths: tuple[float, ...]) -> StudyFigure:
+    """Draw the PSFs of designs, a row for each design and a column for each band."""
+    rows, count = len(found), len(wavelengths)
+    figure = Figure(figsize=(2.2 * count, 2.4 * rows), dpi=100, layout="constrained")
+    axes = figure.subplots(rows, count, squeeze=False)
+    for row, (name, result) in zip(axes, found.items(), strict=True):
+        peak = float(result.psfs.max())
+        for one, psf, wavelength in zip(row, result.psfs, wavelengths, strict=True):
+            draw_log(one, psf, f"{name}, {format_nanometres(wavelength)}", peak)
+    return StudyFigure(
+        "PSFs", figure, "Fig. 4.4 and Fig. A.1 to A.3, 4 decades below the design's peak."
+    )

@@ -7,21 +7,17 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
+from labapp.files.picture.grey_picture import read_grey_picture
 from labapp.files.plan_file import PlanFile
+from labapp.files.reading import bundled_path
 from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.analysis.star_psf import PSFReport
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_shapes import PUBLISHED_SHAPES, STUDY, Shape, ShapesSettings
 from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
 from labapp.studies.figure_drawing import draw_linear, draw_log
-from labapp.studies.published_data import (
-    RING_BAND,
-    RING_ENERGY,
-    RING_RADIUS_SAMPLES,
-    published_ring_sizes,
-    read_published_ring,
-)
 from labapp.studies.stars import (
     acquisition_block,
     build_study_plan,
@@ -33,6 +29,38 @@ from labapp.studies.stars import (
 from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
+
+RING_RADIUS_SAMPLES, _RING_WIDTH_SAMPLES = 30, 1.15
+"""Radius and width (standard deviation) of the published ring, in samples of its PSF."""
+
+_SIDE = 1920 * 8e-6
+"""Side of the authors' panel in metres, which is also that of the square that they transform."""
+
+RING_BAND = (20, 40)
+"""Distances from the axis, in samples, between which the published ring's light is summed."""
+
+RING_ENERGY: Mapping[int, float] = {1: 0.780, 10: 0.849, 100: 0.903, 569: 0.933}
+"""Share of the light within the band by the number of iterations, for the published patterns.
+
+Their PSFs are computed as the authors do it, by one Fourier transform of the pattern within
+1920 x 1920 samples.
+"""
+
+
+def published_ring_sizes(camera: Camera, wavelength: float) -> tuple[float, float]:
+    """Return the radius and width of the published ring on the sensor, in metres.
+
+    The width is the ring's standard deviation. A sample of the published transform is wavelength x
+    image distance / 15.36 mm. On a bench, B of the ray matrix takes the place of the image
+    distance.
+    """
+    sample = wavelength * camera.ray_matrix_b / _SIDE
+    return RING_RADIUS_SAMPLES * sample, _RING_WIDTH_SAMPLES * sample
+
+
+def read_published_ring() -> NDArray[np.uint8]:
+    """Read the middle of the thesis' ring after 569 iterations, 100 x 100 samples."""
+    return read_grey_picture(bundled_path("studies/published-ring.png"), "a pattern")
 
 
 def plan(settings: ShapesSettings, camera: Camera) -> PlanFile:
@@ -66,14 +94,14 @@ def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> St
     found = measure_psfs(record, shapes, settings.wavelength_nm, window_px=128, progress=progress)
     rows = [_row(shape, report) for shape, report in found.items()]
     camera = record.camera
-    first = next(iter(found.values()))
+    first = next(iter(found.values())).unmodulated
     rows.append(
         ResultRow(
             "light that no pattern moves, in the central peak",
             "a prominent central peak (no number)",
             f"{_format_percent(camera.panel.unmodulated)} (bench file)",
-            _format_percent(first.unmodulated),
-            first.unmodulated,
+            _format_percent(first),
+            first,
         )
     )
     plates = [_overview(record, found)]
@@ -95,15 +123,15 @@ def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> St
 
 def _row(shape: str, report: PSFReport) -> ResultRow:
     """Return the row of a shape: light within it, likeness and speckle."""
-    ours = _measured_quality(report)
-    asked = (
-        {} if report.predicted is None else _shape_quality(_predicted_modulated_psf(report), report)
-    )
+    ours, asked = _measured_quality(report), "-"
+    if report.predicted is not None:
+        modulated = report.predicted - report.unmodulated * report.neutral
+        asked = _quality_text(_shape_quality(modulated, report))
     name = "EI letters" if shape == "letters" else shape
     return ResultRow(
         f"{name}: light within it, likeness, speckle",
         "picture only" if shape in PUBLISHED_SHAPES else "see below",
-        _quality_text(asked) if asked else "-",
+        asked,
         _quality_text(ours),
         ours["light"],
     )
@@ -128,11 +156,6 @@ def _shape_quality(
         "correlation": correlation(shape, target),
         "contrast": metrics.speckle_contrast(shape, target, noise),
     }
-
-
-def _predicted_modulated_psf(report: PSFReport) -> Picture:
-    assert report.predicted is not None
-    return report.predicted - report.unmodulated * report.neutral
 
 
 def _quality_text(figures: Mapping[str, float]) -> str:
@@ -189,17 +212,13 @@ def _ring_figure(report: PSFReport, camera: Camera, settings: ShapesSettings) ->
     figure = Figure(figsize=(11, 5.4), dpi=100, layout="constrained")
     left, right = figure.subplots(1, 2)
     grey = read_published_ring()
-    half_samples = grey.shape[0] / 2
     draw_linear(left, grey, "published, computed by its authors (569 iterations)")
     draw_linear(right, report.modulated_psf, "ours, through the bench")
     # Both pictures show the same part of the image plane.
-    sample = (
-        published_ring_sizes(camera, settings.wavelength_nm * 1e-9)[0]
-        / RING_RADIUS_SAMPLES
-        / camera.sensor.pitch
-    )
+    radius, _ = published_ring_sizes(camera, settings.wavelength_nm * 1e-9)
+    sample = radius / RING_RADIUS_SAMPLES / camera.sensor.pitch
     middle = report.modulated_psf.shape[0] // 2
-    reach = min(half_samples * sample, middle)
+    reach = min(grey.shape[0] / 2 * sample, middle)
     right.set_xlim(middle - reach, middle + reach)
     right.set_ylim(middle + reach, middle - reach)
     return StudyFigure(

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labapp.files.plan_file import PlanFile
-from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.analysis.star_psf import PSFReport
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.psf_stability import STUDY, StabilitySettings
@@ -38,32 +35,23 @@ def plan(settings: StabilitySettings, camera: Camera) -> PlanFile:
     still = psf_pattern_table(settings, "spiral", radius_um=settings.radius_um)
     lengths = _frames_by_pattern(settings)
     # All videos have one seed, so that a shorter video is the beginning of a longer one.
-    patterns = {
-        name: _video(still | {"method": "joint" if name == "joint" else "independent"}, count)
-        for name, count in lengths.items()
-    }
-    neutral = acquisition_block(
-        ["star"], ["neutral"], settings.wavelength_nm, exposures_ms=settings.neutral_ms
-    )
-    blocks = [_acquisition_block(name, count, settings) for name, count in lengths.items()]
-    return build_study_plan(STUDY, patterns, neutral, *blocks)
+    nm, patterns = settings.wavelength_nm, {}
+    blocks = [acquisition_block(["star"], ["neutral"], nm, exposures_ms=settings.neutral_ms)]
+    for name, count in lengths.items():
+        frame = still | {"method": "joint" if name == "joint" else "independent"}
+        video = {"kind": "video", "pattern": frame, "count": count}
+        patterns[name] = frame if count == 1 else video
+        # The thesis' panel shows 60 frames per second, so the exposures last about a second.
+        periods = {"periods": [max(1, round(60 / count))]}
+        exposures = periods if count > 1 else {"exposures_ms": [1000.0]}
+        blocks.append(acquisition_block(["star"], [name], nm, **exposures))
+    return build_study_plan(STUDY, patterns, *blocks)
 
 
 def _frames_by_pattern(settings: StabilitySettings) -> dict[str, int]:
     """Return the number of frames of each video; the reference is last but one."""
     counts = {f"frames-{count}": count for count in sorted(set(settings.counts))}
     return counts | {"reference": settings.reference, "joint": settings.joint}
-
-
-def _video(still: dict[str, Any], count: int) -> dict[str, Any]:
-    return still if count == 1 else {"kind": "video", "pattern": still, "count": count}
-
-
-def _acquisition_block(name: str, count: int, settings: StabilitySettings) -> dict[str, Any]:
-    # The thesis' panel shows 60 frames per second, so the exposures last about a second.
-    periods = {"periods": [max(1, round(60 / count))]}
-    exposures = periods if count > 1 else {"exposures_ms": [1000.0]}
-    return acquisition_block(["star"], [name], settings.wavelength_nm, **exposures)
 
 
 @dataclass(frozen=True)
@@ -94,8 +82,7 @@ def evaluate(record: Record, settings: StabilitySettings, progress: Progress) ->
         raw = float(((found[name].modulated_psf - truth) ** 2).sum())
         error = (raw - noise[name] - noise["reference"]) / size
         averaged.append(AveragedVideo(count, error, _speckle_contrast(found[name])))
-    rows = [*_rows(averaged, settings), *_smoothness(found, averaged, settings)]
-    plates = [_errors_figure(found, averaged, settings)]
+    rows = [*_error_rows(averaged, settings), *_smoothness_rows(found, averaged, settings)]
     notes = [
         "A video of n frames is the beginning of the reference of N frames. Frames from "
         "independent random starts have independent speckle, so that the expected error is "
@@ -106,7 +93,7 @@ def evaluate(record: Record, settings: StabilitySettings, progress: Progress) ->
         "they need far fewer frames.",
     ]
     data = {"averaged": [vars(one) for one in averaged], "noise": noise}
-    return StudyResults(rows, plates, notes, data)
+    return StudyResults(rows, [_errors_figure(found, averaged, settings)], notes, data)
 
 
 def _speckle_contrast(report: PSFReport) -> float:
@@ -123,7 +110,7 @@ def independent_frames_error(frames: int, reference: int) -> float:
     return 1 / frames - 1 / reference
 
 
-def _rows(averaged: Sequence[AveragedVideo], settings: StabilitySettings) -> list[ResultRow]:
+def _error_rows(averaged: Sequence[AveragedVideo], settings: StabilitySettings) -> list[ResultRow]:
     first = averaged[0]
     whole = independent_frames_error(first.frames, settings.reference)
     rows = [
@@ -149,7 +136,7 @@ def _rows(averaged: Sequence[AveragedVideo], settings: StabilitySettings) -> lis
     return rows
 
 
-def _smoothness(
+def _smoothness_rows(
     found: Mapping[str, PSFReport], averaged: Sequence[AveragedVideo], settings: StabilitySettings
 ) -> list[ResultRow]:
     first = averaged[0]
@@ -189,33 +176,16 @@ def _errors_figure(
 ) -> StudyFigure:
     figure = Figure(figsize=(13, 9), dpi=100, layout="constrained")
     top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1, 1.05]))
-    axes = top.subplots(1, 3)
     first = averaged[0]
     pictures = {
         f"(a) {_frames(first.frames)}": found[f"frames-{first.frames}"].modulated_psf,
         f"(b) {settings.reference} independent frames": found["reference"].modulated_psf,
         f"{settings.joint} frames found together": found["joint"].modulated_psf,
     }
-    white = _white(found["reference"].modulated_psf)
-    for one, (title, picture) in zip(axes, pictures.items(), strict=True):
+    white = 1.3 * float(np.percentile(found["reference"].modulated_psf, 99.8))
+    for one, (title, picture) in zip(top.subplots(1, 3), pictures.items(), strict=True):
         draw_linear(one, picture, title, white)
-    _draw_errors(bottom.subplots(), averaged, settings)
-    return StudyFigure(
-        "PSFs and their error",
-        figure,
-        "Unmodulated light removed; one linear scale for the three. Below, Fig. 3.5 (c): the error "
-        "against the longest video.",
-    )
-
-
-def _white(picture: Picture) -> float:
-    return 1.3 * float(np.percentile(picture, 99.8))
-
-
-def _draw_errors(
-    axes: Axes, averaged: Sequence[AveragedVideo], settings: StabilitySettings
-) -> None:
-    first = averaged[0]
+    axes = bottom.subplots()
     scale = first.error / independent_frames_error(first.frames, settings.reference)
     n = np.linspace(1, settings.reference, 400)
     curve = scale * (1 / n - 1 / settings.reference)
@@ -227,3 +197,9 @@ def _draw_errors(
     axes.set_title("(c) Error by the number of frames")
     axes.grid(alpha=0.3, which="both")
     axes.legend()
+    return StudyFigure(
+        "PSFs and their error",
+        figure,
+        "Unmodulated light removed; one linear scale for the three. Below, Fig. 3.5 (c): the error "
+        "against the longest video.",
+    )

@@ -60,10 +60,12 @@ def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Stu
     The exposure of the whole video is compared with the mean of the frames.
     """
     names = [_name(moment) for moment in range(settings.moments)]
-    found = measure_psfs(
-        record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress.part(0, 0.8)
-    )
-    noise = _noise_difference(record, names, settings, progress.part(0.8, 1))
+    nm, all_names = settings.wavelength_nm, [*names, "video"]
+    found = measure_psfs(record, all_names, nm, _WINDOW, progress.part(0, 0.8))
+    # The L2 difference that noise causes between the video and its frames' mean.
+    summed = psf_noise_variances(record, all_names, nm, _WINDOW, progress.part(0.8, 1))
+    of_frames = sum(summed[name] for name in names) / len(names) ** 2
+    noise = float(np.sqrt(of_frames + summed["video"]))
     frames, video = [found[name] for name in names], found["video"]
     asked = [rms_radius(requested_psf(one)) for one in frames]
     seen = [rms_radius(_psf_within_target(one)) for one in frames]
@@ -130,17 +132,6 @@ def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Stu
     return StudyResults(rows, plates, notes, data, animations=[movie])
 
 
-def _noise_difference(
-    record: Record, names: list[str], settings: VideoSettings, progress: Progress
-) -> float:
-    """Return the L2 difference that noise causes between the video and its frames' mean."""
-    summed = psf_noise_variances(
-        record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress
-    )
-    frames = sum(summed[name] for name in names) / len(names) ** 2
-    return float(np.sqrt(frames + summed["video"]))
-
-
 def _psf_within_target(report: PSFReport) -> Picture:
     """Return a measured PSF where its target has light, and zero elsewhere.
 
@@ -164,8 +155,7 @@ def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> Stud
     shown = np.linspace(0, len(frames) - 1, count).round().astype(int)
     columns = min(max(2, count), 4)
     rows = -(-count // columns)
-    size = (3.2 * columns, 3.4 * (rows + 1))
-    figure = Figure(figsize=size, dpi=100, layout="constrained")
+    figure = Figure(figsize=(3.2 * columns, 3.4 * (rows + 1)), dpi=100, layout="constrained")
     axes = figure.subplots(rows + 1, columns, squeeze=False)
     for one in axes.ravel():
         one.axis("off")

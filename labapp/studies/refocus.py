@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
+from labapp.files.scene_targets import LayersTable
 from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket, merge_all
 from labapp.runs.record.reader import Record
-from labapp.studies.bricks import BRICKS_TARGET, BrickRegion, brick_regions, sharpness_rows
 from labapp.studies.catalogue.refocus import STUDY, RefocusSettings
 from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
 from labapp.studies.figure_drawing import draw_log, draw_pattern, draw_photograph
@@ -28,6 +27,67 @@ from labapp.studies.stars import acquisition_block, build_study_plan
 from optics.camera import Camera
 from optics.camera.pupil import panel_to_focus_distance
 from optics.progress import Progress
+
+BRICKS_TARGET = "bricks"
+"""Name of the target with the bricks."""
+
+BrickRegion = tuple[float, slice, slice]
+"""A brick's distance in metres, and the rows and columns of the sensor that see it."""
+
+
+def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
+    """Return where the sensor sees the bricks of the simulated scene, the nearest first.
+
+    The list is empty for a real scene, whose layout isn't known.
+    """
+    table = record.scene.targets.get(BRICKS_TARGET) if record.scene else None
+    if not isinstance(table, LayersTable):
+        return []
+    found = []
+    for layer in table.layers:
+        if layer.picture.kind != "brick":
+            continue
+        scale = camera.magnification(layer.distance_m) / camera.sensor.pitch * 1e-3
+        sides = []
+        for offset, size, pixels in zip(
+            layer.picture.offset_mm, layer.picture.size_mm, camera.sensor.shape, strict=True
+        ):
+            middle, half = pixels / 2 + offset * scale, (size / 2 + 3) * scale
+            sides.append(slice(max(0, round(middle - half)), min(pixels, round(middle + half))))
+        found.append((layer.distance_m, sides[0], sides[1]))
+    return found
+
+
+def sharpness_rows(
+    scenes: Sequence[Picture], regions: Sequence[BrickRegion], near: float
+) -> list[ResultRow]:
+    """Compare the sharpness of bricks without and with the lens on the SLM.
+
+    scenes: the pictures without and with the lens.
+    near: distance that the lens brings into focus, metres.
+    """
+    rows = []
+    for distance, y, x in regions:
+        plain, coded = (edge_steepness(scene[y, x]) for scene in scenes)
+        ratio = coded / plain
+        what = f"steepest edges of the brick at {distance:g} m, with the lens over without"
+        wanted = "more than 1" if abs(distance - near) < 0.05 else "-"
+        if distance == max(one[0] for one in regions):
+            wanted = "less than 1"
+        rows.append(ResultRow(what, "picture only", wanted, f"{ratio:.2f}", ratio))
+    return rows
+
+
+def edge_steepness(picture: Picture) -> float:
+    """Return the steepness of a picture's steepest edges, relative to its range.
+
+    This is the 99th percentile of the gradient over the range of the picture's values. The gradient
+    is taken over two pixels, which reduces the influence of noise.
+    """
+    y = picture[2:, 1:-1] - picture[:-2, 1:-1]
+    x = picture[1:-1, 2:] - picture[1:-1, :-2]
+    low, high = np.percentile(picture, [1, 99])
+    return float(np.percentile(np.hypot(y, x), 99) / (high - low))
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:
@@ -77,7 +137,14 @@ def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> S
     halo = nearest.unmodulated_share
     before = fit_focus_curve(stars, [star.plain for star in stars], camera)
     after = fit_focus_curve(stars, [star.coded - halo * star.plain for star in stars], camera)
-    rows = [*_rows(before, after, settings, camera), _halo(halo, nearest, camera)]
+    row = ResultRow(
+        f"halo: light of a star at {nearest.distance:g} m that stays out of focus",
+        "a halo around each object (picture only)",
+        f"{100 * camera.panel.unmodulated:.1f} % (bench file)",
+        f"{100 * halo:.1f} %",
+        halo,
+    )
+    rows = [*_focus_rows(before, after, settings, camera), row]
     plates = [_focus_figure(before, after, nearest, settings, camera)]
     if settings.bricks:
         progress.report(0.9, "bricks")
@@ -96,7 +163,7 @@ def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> S
     return StudyResults(rows, plates, notes, data)
 
 
-def _rows(
+def _focus_rows(
     before: FocusCurve, after: FocusCurve, settings: RefocusSettings, camera: Camera
 ) -> list[ResultRow]:
     z, added = camera.lens.image_distance, added_lens_power(settings, camera)
@@ -148,22 +215,8 @@ def _square_radius_at(focus: FocusCurve, vergence: float) -> float:
     return focus.least + focus.slope * (vergence - focus.best) ** 2
 
 
-def _halo(share: float, star: DefocusedStar, camera: Camera) -> ResultRow:
-    """Return the row on the halo: the light of a star that stays out of focus."""
-    return ResultRow(
-        f"halo: light of a star at {star.distance:g} m that stays out of focus",
-        "a halo around each object (picture only)",
-        f"{100 * camera.panel.unmodulated:.1f} % (bench file)",
-        f"{100 * share:.1f} %",
-        share,
-    )
-
-
 def _bricks_figure(
-    scenes: Sequence[Picture],
-    grey: Any,
-    regions: Sequence[BrickRegion],
-    settings: RefocusSettings,
+    scenes: Sequence[Picture], grey: Any, regions: Sequence[BrickRegion], settings: RefocusSettings
 ) -> StudyFigure:
     figure = Figure(figsize=(15, 9.8), dpi=100, layout="constrained")
     top, bottom = np.asarray(figure.subfigures(2, 1, height_ratios=[1.25, 1]))
@@ -177,8 +230,8 @@ def _bricks_figure(
         for one, scene, title in zip(axes, scenes, ("no pattern", "Fresnel lens"), strict=False):
             draw_photograph(one, scene[y, x], f"the brick at {distance:g} m, {title}", white)
     else:
-        axes[0].axis("off")
-        axes[1].axis("off")
+        for one in axes[:2]:
+            one.axis("off")
     draw_pattern(axes[2], grey, "(c) the Fresnel lens on the SLM")
     return StudyFigure("Bricks", figure, "As Fig. 3.6: before, after, and the pattern on the SLM.")
 
@@ -192,7 +245,21 @@ def _focus_figure(
 ) -> StudyFigure:
     figure = Figure(figsize=(14, 5), dpi=100, layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=[1.7, 1, 1])
-    _draw_focus(left, before, after, settings, camera)
+    z2 = camera.lens.image_distance**2 * mean_square_pupil_radius(camera)
+    line = np.linspace(min(before.vergences) - 0.03, max(before.vergences) + 0.03, 300)
+    curves = (
+        (before, 1 / panel_to_focus_distance(camera), "no pattern", "C0"),
+        (after, 1 / settings.near_m, "Fresnel lens", "C1"),
+    )
+    for focus, centre, name, colour in curves:
+        expected = np.sqrt(np.maximum(focus.least, 0) + z2 * (line - centre) ** 2)
+        left.plot(line, 1e6 * expected, "-", color=colour, alpha=0.5)
+        left.plot(focus.vergences, 1e6 * np.sqrt(focus.squares), "o", color=colour, label=name)
+    left.set_xlabel("1 / distance, dioptres")
+    left.set_ylabel("root mean square radius, µm")
+    left.set_title("Blur of a star by its distance")
+    left.grid(alpha=0.3)
+    left.legend()
     peak = float(star.coded.max())
     draw_log(middle, star.plain, f"star at {star.distance:g} m, no pattern", peak)
     draw_log(right, star.coded, "with the Fresnel lens", peak)
@@ -202,22 +269,3 @@ def _focus_figure(
         "Left: dots are measured, lines the projection of the pupil with the measured least blur. "
         "Right: PSFs over four decades; the halo is light that the SLM doesn't modulate.",
     )
-
-
-def _draw_focus(
-    axes: Axes, before: FocusCurve, after: FocusCurve, settings: RefocusSettings, camera: Camera
-) -> None:
-    z2 = camera.lens.image_distance**2 * mean_square_pupil_radius(camera)
-    line = np.linspace(min(before.vergences) - 0.03, max(before.vergences) + 0.03, 300)
-    centres = (1 / panel_to_focus_distance(camera), 1 / settings.near_m)
-    for focus, centre, name, colour in zip(
-        (before, after), centres, ("no pattern", "Fresnel lens"), ("C0", "C1"), strict=True
-    ):
-        expected = np.sqrt(np.maximum(focus.least, 0) + z2 * (line - centre) ** 2)
-        axes.plot(line, 1e6 * expected, "-", color=colour, alpha=0.5)
-        axes.plot(focus.vergences, 1e6 * np.sqrt(focus.squares), "o", color=colour, label=name)
-    axes.set_xlabel("1 / distance, dioptres")
-    axes.set_ylabel("root mean square radius, µm")
-    axes.set_title("Blur of a star by its distance")
-    axes.grid(alpha=0.3)
-    axes.legend()

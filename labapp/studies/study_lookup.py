@@ -18,6 +18,10 @@ from labapp.studies.contract import Study, StudySettings
 if TYPE_CHECKING:
     from labapp.runs.record.reader import Record
 
+
+from labapp.common.list_output import ListEntry, print_list
+from labapp.files.key_values import describe_keys
+
 _NAME_KEY, _SETTINGS_KEY = "study", "study_settings"
 """Keys of the plan's metadata, by which a record names its study and the study's settings."""
 
@@ -58,3 +62,15 @@ def settings_from_record(record: Record, name: str) -> StudySettings:
     source = f"{record.path}: settings"
     data = parse_json(str(metadata.get(_SETTINGS_KEY, "{}")), source)
     return validate(data, find_study(name).settings, source)
+
+
+def list_studies(*, as_json: bool) -> None:
+    """Print the names of all studies with their settings, defaults and units."""
+    entries = []
+    for name in STUDIES:
+        found = find_study(name)
+        facts = {"source": found.source, "shows": found.shows, "method": found.method}
+        what, keys = f"{found.title} ({found.source})", describe_keys(found.settings)
+        facts = {"title": found.title, **facts}
+        entries.append(ListEntry(name, what, keys, [found.method], facts))
+    print_list(entries, as_json=as_json, example="labapp study refocus --out refocus")

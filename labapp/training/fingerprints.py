@@ -21,7 +21,7 @@ from labapp.common.errors import UserError
 from labapp.files.array_file import read_npz
 from labapp.files.picture.colour_picture import Colours, read_screen_colours
 from labapp.files.writing import write_atomically
-from labapp.training.picture_files import list_pictures
+from labapp.training.manifest import list_pictures
 
 Thumbnail = NDArray[np.float32]
 
@@ -75,7 +75,9 @@ def fingerprint(picture: Colours, name: str) -> Fingerprint:
     """
     grey = average_colours(picture)
     fine, coarse = (
-        np.clip(np.rint(UNITS * _thumbnail(grey, side)), -127, 127).astype(np.int8)
+        np.clip(
+            np.rint(UNITS * whiten(resize_grey(grey, fitted_shape(grey.shape, side)))), -127, 127
+        ).astype(np.int8)
         for side in (FINE_SIDE, COARSE_SIDE)
     )
     return Fingerprint(name, fine, coarse)
@@ -140,8 +142,8 @@ def average_colours(picture: NDArray[np.uint8]) -> Thumbnail:
     A large picture is averaged down first, which saves memory and time.
     """
     scale = min(1.0, 4 * FINE_SIDE / max(picture.shape[1:]))
-    size = tuple(max(1, round(n * scale)) for n in picture.shape[1:])
-    bands = [resize_grey(np.ascontiguousarray(band), (size[0], size[1])) for band in picture]
+    rows, columns = (max(1, round(n * scale)) for n in picture.shape[1:])
+    bands = [resize_grey(np.ascontiguousarray(band), (rows, columns)) for band in picture]
     return np.mean(np.stack(bands), 0, dtype=np.float32)
 
 
@@ -151,11 +153,6 @@ def resize_grey(values: NDArray[np.uint8] | Thumbnail, shape: tuple[int, int]) -
     way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     resized: Thumbnail = cv2.resize(values, shape[::-1], interpolation=way).astype(np.float32)
     return resized
-
-
-def _thumbnail(grey: Thumbnail, side: int) -> Thumbnail:
-    """Return a picture's whitened thumbnail with a longest side in pixels."""
-    return whiten(resize_grey(grey, fitted_shape(grey.shape, side)))
 
 
 def whiten(thumbnail: Thumbnail) -> Thumbnail:

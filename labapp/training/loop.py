@@ -20,8 +20,7 @@ import torch
 
 from labapp.files.state_file import StateFile
 from labapp.training.processes import Processes
-from labapp.training.schedule import TrainingSchedule
-from labapp.training.state import TrainingState
+from labapp.training.state import TrainingSchedule, TrainingState
 from labapp.training.task import TrainingTask
 from optics.progress import Cancelled, Progress
 from optics.threads import single_threaded
@@ -72,7 +71,12 @@ def run_training(
     processes, progress = processes or Processes(), progress or Progress()
     settings = describe_training(task, schedule)
     state = TrainingState(task, schedule, processes)
-    _load(state, kept, settings)
+    stored = None if kept is None else kept.read(settings)
+    if kept is not None and stored is not None:
+        try:
+            state.load_data(stored)
+        except (LookupError, RuntimeError, TypeError, ValueError) as error:
+            raise kept.describe_damage(error) from error
 
     def keep() -> None:
         if kept is not None and processes.is_writer:
@@ -80,14 +84,22 @@ def run_training(
 
     with _flush_denormals():
         while True:
-            if _validation_is_due(state, schedule):
+            reached = state.step == schedule.steps or (
+                state.step > 0 and state.step % schedule.validation_interval == 0
+            )
+            if reached and (not state.history or state.history[-1][0] < state.step):
                 state.validate()
                 keep()
             if state.step >= schedule.steps:
                 break
             loss = state.take_step()
             if state.failures >= MOST_FAILURES:
-                raise FloatingPointError(_describe_failure(state))
+                raise FloatingPointError(
+                    f"steps {state.step - state.failures + 1} to {state.step} of the training had "
+                    f"no finite loss and gradient ({state.skipped} such steps in all). Lower the "
+                    "learning rate, or look for numbers in the data that aren't finite. The state "
+                    "that was kept before is as it was."
+                )
             stop = not _report(progress, state, schedule, loss)
             if processes.agree(stop):
                 keep()
@@ -95,13 +107,8 @@ def run_training(
             if kept is not None and kept.is_due():
                 keep()
     own_work = torch.tensor([state.samples_computed], device=processes.device)
-    return TrainingResult(
-        state.average,
-        tuple(state.history),
-        state.step,
-        state.skipped,
-        tuple(processes.gather(own_work).tolist()),
-    )
+    work = tuple(processes.gather(own_work).tolist())
+    return TrainingResult(state.average, tuple(state.history), state.step, state.skipped, work)
 
 
 def describe_training(task: TrainingTask, schedule: TrainingSchedule) -> dict[str, Any]:
@@ -117,25 +124,6 @@ def describe_training(task: TrainingTask, schedule: TrainingSchedule) -> dict[st
                 "make them the same, or name the task's setting otherwise"
             )
     return {**scheduled, **task.settings}
-
-
-def _load(state: TrainingState, kept: StateFile | None, settings: dict[str, Any]) -> None:
-    """Load the kept state if there is one; UserError if it is damaged."""
-    stored = None if kept is None else kept.read(settings)
-    if kept is None or stored is None:
-        return
-    try:
-        state.load_data(stored)
-    except (LookupError, RuntimeError, TypeError, ValueError) as error:
-        raise kept.describe_damage(error) from error
-
-
-def _validation_is_due(state: TrainingState, schedule: TrainingSchedule) -> bool:
-    """Whether a step for validation is reached, and not validated yet."""
-    reached = state.step == schedule.steps or (
-        state.step > 0 and state.step % schedule.validation_interval == 0
-    )
-    return reached and (not state.history or state.history[-1][0] < state.step)
 
 
 def _report(
@@ -155,16 +143,6 @@ def _report(
     except Cancelled:
         return False
     return True
-
-
-def _describe_failure(state: TrainingState) -> str:
-    """Return the message of a halt because steps fail."""
-    first = state.step - state.failures + 1
-    return (
-        f"steps {first} to {state.step} of the training had no finite loss and gradient "
-        f"({state.skipped} such steps in all). Lower the learning rate, or look for numbers in the "
-        "data that aren't finite. The state that was kept before is as it was."
-    )
 
 
 @contextmanager

@@ -10,7 +10,6 @@ import fnmatch
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal
 
@@ -20,7 +19,31 @@ from labapp.common.errors import UserError, suggest_spelling
 from labapp.files.guarded_reading import read_bytes
 from labapp.files.reading import FileModel, read_file
 from labapp.files.writing import write_atomically
-from labapp.training.picture_files import list_pictures
+
+PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"})
+"""Endings of the files that are taken to be pictures; other files of a folder are left alone."""
+
+
+def list_pictures(folder: Path) -> list[Path]:
+    """List the pictures of a folder and the folders in it, sorted by path.
+
+    Hidden files, such as those that a Mac leaves behind, don't count. Raises UserError if the
+    folder isn't there, or has no picture.
+    """
+    if not folder.is_dir():
+        raise UserError(f"{folder}: is not a folder. Name a folder of pictures.")
+    found = [
+        file
+        for file in folder.rglob("*")
+        if file.suffix.lower() in PICTURE_SUFFIXES
+        and file.is_file()
+        and not any(part.startswith(".") for part in file.relative_to(folder).parts)
+    ]
+    if not found:
+        endings = ", ".join(sorted(PICTURE_SUFFIXES))
+        raise UserError(f"{folder}: has no picture. Name a folder of pictures ({endings}).")
+    return sorted(found, key=lambda file: file.relative_to(folder).as_posix())
+
 
 Split = Literal["training", "validation"]
 """What a picture is used for: to change weights, or to choose between them."""
@@ -39,20 +62,10 @@ _Text = Annotated[str, Field(min_length=1)]
 class ManifestPicture(FileModel):
     """A picture of a training's data.
 
-    Attributes
-    ----------
-    folder : str
-        Name of the folder it was in, without the folders above.
-    path : str
-        Path in the folder, with slashes.
-    sha256 : str
-        Checksum of the file, 64 hexadecimal digits.
-    bytes : int
-        Size of the file.
-    licence : str
-        From the folder's `licences.toml`, or "not stated".
-    split : {"training", "validation"}
-        What it is used for.
+    folder: name of the folder it was in, without the folders above.
+    path: in the folder, with slashes.
+    sha256, bytes: checksum and size of the file.
+    licence: from the folder's `licences.toml`, or "not stated".
     """
 
     folder: str
@@ -64,15 +77,7 @@ class ManifestPicture(FileModel):
 
 
 class LeftOutPicture(FileModel):
-    """A file that was left out, as another one of the training's data has the same bytes.
-
-    Attributes
-    ----------
-    folder, path : str
-        The file, as in `ManifestPicture`.
-    same_as : str
-        Path of the file that was taken.
-    """
+    """A file that was left out, as the one at `same_as` has the same bytes."""
 
     folder: str
     path: _Text
@@ -82,17 +87,8 @@ class LeftOutPicture(FileModel):
 class DataManifest(FileModel):
     """The pictures that something was trained on, ordered by checksum.
 
-    Attributes
-    ----------
-    version : int
-        Of the file's layout.
-    pictures : tuple of ManifestPicture
-        All pictures.
-    left_out : tuple of LeftOutPicture
-        Copies that were left out.
-    longest_side : int or None
-        Pixels of the longest side to which large pictures were averaged down, as they would have
-        taken too much memory; None if they weren't.
+    longest_side: pixels of the longest side to which large pictures were averaged down, as they
+    would have taken too much memory; None if they weren't.
     """
 
     version: Literal[1] = 1
@@ -134,14 +130,6 @@ class DataManifest(FileModel):
         write_atomically(path, text.encode())
 
 
-@dataclass(frozen=True)
-class ListedFile:
-    """A picture's file, and its entry in the list."""
-
-    file: Path
-    entry: ManifestPicture
-
-
 def read_manifest(path: Path) -> DataManifest:
     """Read a list that `DataManifest.write` wrote; UserError if invalid."""
     return read_file(path, DataManifest)
@@ -149,13 +137,13 @@ def read_manifest(path: Path) -> DataManifest:
 
 def list_training_files(
     folders: Sequence[Path],
-) -> tuple[list[ListedFile], tuple[LeftOutPicture, ...]]:
+) -> tuple[list[tuple[Path, ManifestPicture]], tuple[LeftOutPicture, ...]]:
     """List the different pictures of folders, with licences, and split them.
 
-    Returns them ordered by checksum, so that neither names nor places of files influence a
-    training, and the files with the same bytes as one that was taken. Raises UserError if a folder
-    is missing or has no picture, if there is only one picture in all, or if a file of licences is
-    invalid.
+    Returns files and entries ordered by checksum, so that neither names nor places of files
+    influence a training, and the files with the same bytes as one that was taken. Raises UserError
+    if a folder is missing or has no picture, if there is only one picture in all, or if a file of
+    licences is invalid.
     folders: a file `licences.toml` in one states licences: a table from a file's name, its path in
     the folder or a pattern with * and ? to the licence's text. The first entry that fits counts; a
     pattern counts only where no name does.
@@ -176,7 +164,7 @@ def list_training_files(
                 left_out.append(LeftOutPicture(folder=entry.folder, path=entry.path, same_as=same))
     splits = split_by_checksum(taken)
     listed = [
-        ListedFile(file, entry.model_copy(update={"split": splits[checksum]}))
+        (file, entry.model_copy(update={"split": splits[checksum]}))
         for checksum, (file, entry) in sorted(taken.items())
     ]
     return listed, tuple(left_out)
@@ -237,15 +225,11 @@ def _read_licences(folder: Path, files: Sequence[Path]) -> dict[Path, str]:
                 f"{source}: key {key!r} fits no picture. {suggest_spelling(key, known)}"
                 "Name a picture of the folder, or a pattern such as *.jpg."
             )
-    return {file: _find_licence(table, path) for file, path in paths.items()}
-
-
-def _find_licence(table: dict[str, str], path: str) -> str:
-    """Return the licence that a folder's table states for a picture."""
-    for exact in (path, PurePosixPath(path).name):
-        if exact in table:
-            return table[exact]
-    return next((text for key, text in table.items() if _fits(key, path)), NOT_STATED)
+    found = {}
+    for file, path in paths.items():
+        fitting = (text for key, text in table.items() if _fits(key, path))
+        found[file] = table.get(path) or table.get(file.name) or next(fitting, NOT_STATED)
+    return found
 
 
 def _fits(key: str, path: str) -> bool:

@@ -2,11 +2,9 @@
 
 A network that learned from a test picture restores that picture too well. A copy rarely has the
 same bytes: it was compressed again, resized, cropped, mirrored, turned, brightened or made grey.
-Pictures are therefore compared by fingerprints: small grey thumbnails, of which only fine structure
-of equal local contrast is kept. Brightness and colours don't matter then, and smooth parts that
-many photographs share, such as skies, don't count. A fingerprint is shifted over the candidate's
-thumbnail at many scales, in eight orientations; the score is the correlation where both overlap,
-times the root of that area's share of the test picture, relative to `_CROP_AREA`.
+Pictures are therefore compared by fingerprints, which are shifted over the candidate's thumbnail at
+many scales, in eight orientations; the score is the correlation where both overlap, times the root
+of that area's share of the test picture, relative to `_CROP_AREA`.
 
 A coarse search of all scales and orientations picks a few, which a fine search decides.
 
@@ -195,8 +193,7 @@ class _Templates:
         energy = _summed_area(candidate**2)
         scores = np.zeros(sums.shape[:2])
         for i, j in np.ndindex(scores.shape):
-            test, orientation = tests[i], orientations[j]
-            scores[i, j] = self._score_peak(sums[i, j], energy, test, orientation)
+            scores[i, j] = self._score_peak(sums[i, j], energy, tests[i], orientations[j])
         return scores
 
     def _score_peak(

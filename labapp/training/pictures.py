@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.picture.colour_picture import Colours, read_screen_colours
 from labapp.training.fingerprints import read_test_fingerprints
-from labapp.training.manifest import DataManifest, ListedFile, Split, list_training_files
+from labapp.training.manifest import DataManifest, Split, list_training_files
 from labapp.training.near_duplicates import NearDuplicateFinder, refuse_near_duplicates
 from optics.progress import Progress
 
@@ -113,8 +113,7 @@ class TrainingPictures:
         cut = picture[:, y : y + size, x : x + size]
         if size > side:
             # Rounded to 8 bits, which takes a third of the time of averages in float32.
-            way = cv2.INTER_AREA
-            cut = np.stack([cv2.resize(one, (side, side), interpolation=way) for one in cut])
+            cut = _average_down(cut, side, side)
         return cut.astype(np.float32)
 
     def _cumulative_probabilities(self, side: int, split: Split) -> NDArray[np.float64]:
@@ -149,11 +148,14 @@ def _halve_repeatedly(picture: Colours, edge: float) -> list[Colours]:
     while min(sizes[-1].shape[1:]) >= 2 * edge:
         rows, columns = (n // 2 for n in sizes[-1].shape[1:])
         whole = sizes[-1][:, : 2 * rows, : 2 * columns]
-        way = cv2.INTER_AREA
-        sizes.append(
-            np.stack([cv2.resize(one, (columns, rows), interpolation=way) for one in whole])
-        )
+        sizes.append(_average_down(whole, rows, columns))
     return sizes
+
+
+def _average_down(picture: Colours, rows: int, columns: int) -> Colours:
+    """Return a picture's means over the areas of so many pixels."""
+    size = columns, rows
+    return np.stack([cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in picture])
 
 
 def read_training_data(
@@ -180,18 +182,25 @@ def read_training_data(
     if test_pictures:
         finder = NearDuplicateFinder(read_test_fingerprints(test_pictures))
     held, matches = _HeldPictures(smallest_side), []
-    for index, listed in enumerate(files):
+    for index, (file, entry) in enumerate(files):
         if progress is not None:
-            progress.report(index / len(files), f"read {listed.entry.path}")
-        picture = _decode_checked(listed, smallest_side)
+            progress.report(index / len(files), f"read {entry.path}")
+        picture = read_screen_colours(file)
+        rows, columns = picture.shape[1:]
+        if min(rows, columns) < smallest_side:
+            raise UserError(
+                f"{file}: is {columns} x {rows} pixels, smaller than a patch of "
+                f"{smallest_side} x {smallest_side}. Take it out of the folder, or choose smaller "
+                "patches."
+            )
         test = None if finder is None else finder.find(picture)
         if test is not None:
-            matches.append((str(listed.file), test))
+            matches.append((str(file), test))
         held.add(picture)
     refuse_near_duplicates(matches)
     if progress is not None:
         progress.report(1.0, f"read {len(files)} pictures")
-    entries = tuple(listed.entry for listed in files)
+    entries = tuple(entry for _, entry in files)
     manifest = DataManifest(pictures=entries, left_out=left_out, longest_side=held.longest_side)
     splits = [one.split for one in entries]
     return TrainingPictures(held.pictures, splits, shortest_edges), manifest
@@ -228,19 +237,4 @@ class _HeldPictures:
         scale = max(scale, self._smallest_side / min(rows, columns))
         if scale >= 1:
             return picture
-        size = (math.ceil(columns * scale), math.ceil(rows * scale))
-        bands = [cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in picture]
-        return np.stack(bands)
-
-
-def _decode_checked(listed: ListedFile, smallest_side: int) -> Colours:
-    """Decode a picture; raise UserError if it is smaller than a patch."""
-    picture = read_screen_colours(listed.file)
-    rows, columns = picture.shape[1:]
-    if min(rows, columns) < smallest_side:
-        raise UserError(
-            f"{listed.file}: is {columns} x {rows} pixels, smaller than a patch of "
-            f"{smallest_side} x {smallest_side}. Take it out of the folder, or choose smaller "
-            "patches."
-        )
-    return picture
+        return _average_down(picture, math.ceil(rows * scale), math.ceil(columns * scale))

@@ -67,7 +67,10 @@ class ProceduralPictures:
             raise UserError(f"A patch of {side} x {side} pixels: give 8 or more along a side.")
         fine = side * _OVERSAMPLING
         canvas = _draw_leaves(generator, fine)
-        values = _shade(canvas, generator, fine)
+        # Level, slopes and texture together.
+        along = np.arange(fine, dtype=np.float32)
+        values = canvas[..., 0] + canvas[..., 1] * along + canvas[..., 2] * along[:, None]
+        values = values + canvas[..., 3] * _draw_texture(generator, fine)
         extra = generator.random() / _EXTRA_SHARE
         if extra < 0.5:
             add_writing(values, generator, _OVERSAMPLING, ink=float(generator.random() < 0.3))
@@ -88,7 +91,22 @@ def _draw_leaves(generator: np.random.Generator, side: int) -> Picture:
     colours = _draw_colours(generator, len(radii) + 1, side, places)
     canvas = np.empty((side, side, 4), np.float32)
     canvas[:] = colours[-1]
-    _draw_shapes(canvas, generator, radii, places, colours[:-1])
+    count = len(radii)
+    turns = np.sort(generator.random((count, 4)), 1) * 2 * math.pi
+    corners = radii[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], -1)
+    corners = np.rint((corners + places[:, None]) * _SUBPIXELS).astype(np.int32)
+    axes = radii[:, None] * np.stack([np.ones(count), generator.uniform(0.35, 1.0, count)], 1)
+    whole_axes = np.rint(axes * _SUBPIXELS).astype(int).tolist()
+    centres = np.rint(places * _SUBPIXELS).astype(int).tolist()
+    angles = generator.uniform(0, 180, count).tolist()
+    is_polygon = generator.random(count) < _POLYGON_SHARE
+    shift = _SUBPIXELS.bit_length() - 1
+    for i, colour in enumerate(colours[:-1].tolist()):
+        if is_polygon[i]:
+            cv2.fillConvexPoly(canvas, corners[i], colour, cv2.LINE_8, shift)
+        else:
+            place, size, angle = centres[i], whole_axes[i], angles[i]
+            cv2.ellipse(canvas, place, size, angle, 0, 360, colour, -1, cv2.LINE_8, shift)
     return canvas
 
 
@@ -102,32 +120,6 @@ def _draw_radii(generator: np.random.Generator, side: int) -> NDArray[np.float64
     return (low**-2 + generator.random(count) * (high**-2 - low**-2)) ** -0.5
 
 
-def _draw_shapes(
-    canvas: Picture,
-    generator: np.random.Generator,
-    radii: NDArray[np.float64],
-    places: NDArray[np.float64],
-    colours: NDArray[np.float64],
-) -> None:
-    """Draw the ellipses and polygons of leaves, in place."""
-    count = len(radii)
-    turns = np.sort(generator.random((count, 4)), 1) * 2 * math.pi
-    corners = radii[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], -1)
-    corners = np.rint((corners + places[:, None]) * _SUBPIXELS).astype(np.int32)
-    axes = radii[:, None] * np.stack([np.ones(count), generator.uniform(0.35, 1.0, count)], 1)
-    whole_axes = np.rint(axes * _SUBPIXELS).astype(int).tolist()
-    centres = np.rint(places * _SUBPIXELS).astype(int).tolist()
-    angles = generator.uniform(0, 180, count).tolist()
-    is_polygon = generator.random(count) < _POLYGON_SHARE
-    shift = _SUBPIXELS.bit_length() - 1
-    for i, colour in enumerate(colours.tolist()):
-        if is_polygon[i]:
-            cv2.fillConvexPoly(canvas, corners[i], colour, cv2.LINE_8, shift)
-        else:
-            place, size, angle = centres[i], whole_axes[i], angles[i]
-            cv2.ellipse(canvas, place, size, angle, 0, 360, colour, -1, cv2.LINE_8, shift)
-
-
 def _draw_colours(
     generator: np.random.Generator, count: int, side: int, places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -139,13 +131,6 @@ def _draw_colours(
     contrast = _TEXTURE_CONTRAST * generator.random(count) ** 2
     at_origin = level - (slopes * centres).sum(1)
     return np.column_stack([at_origin, slopes, contrast])
-
-
-def _shade(canvas: Picture, generator: np.random.Generator, side: int) -> Picture:
-    """Return leaves' values: level, slopes and texture together."""
-    along = np.arange(side, dtype=np.float32)
-    values = canvas[..., 0] + canvas[..., 1] * along + canvas[..., 2] * along[:, None]
-    return values + canvas[..., 3] * _draw_texture(generator, side)
 
 
 def _draw_texture(generator: np.random.Generator, side: int) -> Picture:

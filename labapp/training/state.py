@@ -3,17 +3,74 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 
 from labapp.training.processes import Processes
-from labapp.training.schedule import TrainingSchedule
 from labapp.training.task import RememberingTask, TrainingTask
+from optics.validation import require_count, require_positive
 
-_PRECISIONS = (torch.float32, torch.float64)
+_EARLY_STEPS = 10
+"""Steps over which the mean of the weights forgets the start. Chosen, as is common."""
+
+
+@dataclass(frozen=True)
+class TrainingSchedule:
+    """How long and how fast a training goes.
+
+    first_rate: learning rate after the warm-up.
+    last_rate: learning rate that half a cosine falls to at the end.
+    warm_up: steps over which the rate grows linearly to `first_rate`.
+    average_decay: decay of the running mean of the weights per step, 0 to 1. The mean is the
+    result, because it varies less than the last weights.
+    clip: largest norm of the gradient over all parameters: longer ones are shortened to it. None
+    leaves them.
+    validation_interval: steps between two validations; there is one after the last step, too.
+    seed: not negative.
+    """
+
+    steps: int
+    first_rate: float
+    last_rate: float
+    warm_up: int = 0
+    average_decay: float = 0.999
+    clip: float | None = None
+    validation_interval: int = 500
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        require_count("steps", self.steps)
+        require_count("validation_interval", self.validation_interval)
+        require_positive("first_rate", self.first_rate, "")
+        if not 0 <= self.last_rate <= self.first_rate:
+            raise ValueError(
+                f"last_rate is {self.last_rate}; choose 0 to first_rate, {self.first_rate}"
+            )
+        if self.warm_up < 0:
+            raise ValueError(f"warm_up is {self.warm_up}; choose 0 or more steps")
+        if not 0 <= self.average_decay < 1:
+            raise ValueError(f"average_decay is {self.average_decay}; choose 0 to below 1")
+        if self.clip is not None:
+            require_positive("clip", self.clip, "")
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}; choose 0 or more")
+
+    def rate(self, step: int) -> float:
+        """Return the learning rate of a step, numbered from 0."""
+        if step < self.warm_up:
+            return self.first_rate * (step + 1) / (self.warm_up + 1)
+        share = (step - self.warm_up) / (self.steps - self.warm_up)
+        height = (1 + math.cos(math.pi * share)) / 2
+        return self.last_rate + (self.first_rate - self.last_rate) * height
+
+    def decay(self, updates: int) -> float:
+        """Return the decay of the mean of the weights at an update, numbered from 1.
+
+        It grows to `average_decay`, so that the weights before training are soon forgotten.
+        """
+        return min(self.average_decay, updates / (updates + _EARLY_STEPS))
 
 
 class TrainingState:
@@ -30,7 +87,14 @@ class TrainingState:
     def __init__(
         self, task: TrainingTask, schedule: TrainingSchedule, processes: Processes
     ) -> None:
-        _require_suitable(task, processes)
+        if task.samples < processes.count:
+            raise ValueError(
+                f"samples is {task.samples} for {processes.count} processes; start fewer "
+                "processes, so that each has a sample of every step"
+            )
+        for name, value in task.module.named_parameters():
+            if value.dtype not in (torch.float32, torch.float64):
+                raise ValueError(f"{name} is {value.dtype}; train in float32 or float64")
         self._task, self._schedule, self._processes = task, schedule, processes
         self._parameters = [one for one in task.module.parameters() if one.requires_grad]
         groups = [dict(one) for one in task.parameter_groups()]
@@ -62,12 +126,16 @@ class TrainingState:
         self.step += 1
         return loss
 
-    def validate(self) -> float:
+    def validate(self) -> None:
         """Rate the averaged weights, and note the score in the history."""
-        with self._averaged_weights(), torch.no_grad():
-            score = float(self._task.validate())
-        self.history.append((self.step, score))
-        return score
+        module = self._task.module
+        own = _copy_weights(module)
+        module.load_state_dict(self.average)
+        try:
+            with torch.no_grad():
+                self.history.append((self.step, float(self._task.validate())))
+        finally:
+            module.load_state_dict(own)
 
     def as_data(self) -> dict[str, Any]:
         """Return the state as tensors in dicts and lists, and plain data."""
@@ -110,10 +178,6 @@ class TrainingState:
         for group, factor in zip(self._optimiser.param_groups, self._factors, strict=True):
             group["lr"] = rate * factor
         self._optimiser.step()
-        self._update_average()
-
-    def _update_average(self) -> None:
-        """Move the running mean of the weights towards the new ones."""
         decay = self._schedule.decay(self.step + 1 - self.skipped)
         for name, value in self._task.module.state_dict().items():
             if value.is_floating_point():
@@ -121,30 +185,7 @@ class TrainingState:
             else:
                 self.average[name].copy_(value)
 
-    @contextmanager
-    def _averaged_weights(self) -> Iterator[None]:
-        """Put the averaged weights into the module while the block runs."""
-        module = self._task.module
-        own = _copy_weights(module)
-        module.load_state_dict(self.average)
-        try:
-            yield
-        finally:
-            module.load_state_dict(own)
-
 
 def _copy_weights(module: torch.nn.Module) -> dict[str, torch.Tensor]:
     """Return a copy of a module's weights, by name."""
     return {name: value.detach().clone() for name, value in module.state_dict().items()}
-
-
-def _require_suitable(task: TrainingTask, processes: Processes) -> None:
-    """Raise ValueError for too few samples, or for weights in half precision."""
-    if task.samples < processes.count:
-        raise ValueError(
-            f"samples is {task.samples} for {processes.count} processes; start fewer processes, so "
-            "that each has a sample of every step"
-        )
-    for name, value in task.module.named_parameters():
-        if value.dtype not in _PRECISIONS:
-            raise ValueError(f"{name} is {value.dtype}; train in float32 or float64")

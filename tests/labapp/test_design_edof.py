@@ -16,8 +16,7 @@ import labapp.edof.command as command
 from labapp.common.errors import UserError
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.design_request import EdofRequest
-from labapp.edof.design_search import search_pattern
-from labapp.edof.design_state import DesignStateFile
+from labapp.edof.design_search import DesignStateFile, search_pattern
 from labapp.files.bench_file import read_bench
 from labapp.files.design_file import read_design
 from labapp.files.state_file import StateFile

@@ -16,11 +16,10 @@ from labapp.files.reading import bundled_path
 from labapp.studies import edof_decoding
 from labapp.studies.catalogue.edof import DISTANCES, EdofSettings
 from labapp.studies.command import StudyRequest, carry_out_study
-from labapp.studies.edof import plan
+from labapp.studies.edof import NOTES, plan, result_rows
 from labapp.studies.edof_decoding import DecodedPicture, NamedDecoder, decoders_of, score_picture
 from labapp.studies.edof_pattern import pattern_in_pupil
 from labapp.studies.edof_psfs import ComparedPSF, fit_shift, likeness_over_depth, move_picture
-from labapp.studies.edof_rows import NOTES, result_rows
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.edof.dioptres import PUBLISHED_DISTANCES
 from optics.edof.protocol_psfs import PupilPattern

@@ -24,17 +24,17 @@ from labapp.files.reading import bundled_path
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from labapp.studies import STUDIES
-from labapp.studies.bricks import edge_steepness
 from labapp.studies.command import StudyRequest, carry_out_study
 from labapp.studies.focusing import mean_square_pupil_radius
-from labapp.studies.psf_stability import independent_frames_error
-from labapp.studies.psf_video import rms_radius
-from labapp.studies.published_data import (
+from labapp.studies.psf_shapes import (
     RING_BAND,
     RING_ENERGY,
     published_ring_sizes,
     read_published_ring,
 )
+from labapp.studies.psf_stability import independent_frames_error
+from labapp.studies.psf_video import rms_radius
+from labapp.studies.refocus import edge_steepness
 from labapp.studies.study_lookup import find_study, read_study_settings
 from optics.camera import Camera, Lens, Panel
 

@@ -11,12 +11,13 @@ from typer.testing import CliRunner
 from labapp.cli import app
 from labapp.common.errors import UserError
 from labapp.pictures.networks import BUNDLED_WEIGHTS, bundled_denoiser, read_denoiser
+from labapp.training import denoiser
 from labapp.training.denoiser import (
     DenoiserTask,
-    DenoiserTrainingSettings,
     denoiser_schedule,
+    grey_patches,
+    read_training_pictures,
 )
-from labapp.training.denoiser_patches import grey_patches, read_training_pictures
 from labapp.training.loop import run_training
 from labapp.training.task import sample_generator
 
@@ -40,9 +41,11 @@ def folder(tmp_path):
 CPU = torch.device("cpu")
 
 
-def test_it_learns_to_take_noise_away(folder):
+def test_it_learns_to_take_noise_away(folder, monkeypatch):
+    monkeypatch.setattr(denoiser, "_PATCHES", 6)
+    monkeypatch.setattr(denoiser, "_SIDE", 32)
     pictures = read_training_pictures([folder])
-    task = DenoiserTask(pictures, 1, CPU, DenoiserTrainingSettings(patches=6, side=32))
+    task = DenoiserTask(pictures, 1, CPU)
     with torch.no_grad():
         noisy, before = float(task.losses(1000, range(6)).mean()), task.validate()
     result = run_training(task, denoiser_schedule(24, 1))

@@ -187,7 +187,7 @@ def test_joint_steps_compute_one_depth_of_each_scene_anew(monkeypatch, named, im
     drawn = tiny_edof.make_sampler(config).draw(2**31 + 7, range(3))
     numbers = [one.depths[(7 + k) % len(one.depths)] for k, one in enumerate(drawn)]
     with torch.no_grad():
-        task._module.pattern.add_(0.2 * torch.rand_like(task._module.pattern))
+        task.module.pattern.add_(0.2 * torch.rand_like(task.module.pattern))
     task.losses(7, range(3))
     ends = np.concatenate([[0], np.cumsum(depth_chances(before, config).numpy())])
     parts = [int((one >= ends[1:-1]).sum()) for one in numbers]

@@ -14,12 +14,12 @@ import torch
 from skimage.metrics import structural_similarity
 
 from labapp.edof.design_problem import EdofProblem
+from labapp.training.command import count_steps
 from labapp.training.edof import decoder_task, joint_task, optics_table
 from labapp.training.edof.captures import Captures, capture_scenes
 from labapp.training.edof.decoder_task import decode_captures, scene_losses
 from labapp.training.edof.joint_task import JointTask
 from labapp.training.processes import Processes
-from labapp.training.step_count import count_steps
 from optics.edof.learned import DecoderNetwork, WienerFront
 from optics.edof.panel_transfer import ConditionTransfer, QuarterTransfer
 from optics.edof.spectral_criterion import blind_filter
@@ -101,11 +101,11 @@ def test_validation_of_a_joint_training_is_of_the_pattern_as_it_is_and_changes_n
     task, config = tiny_edof.make_joint_task(tiny_edof.make_config()), tiny_edof.make_config()
     before = task.extra_state()["remembered"].clone()
     with torch.no_grad():
-        task._module.pattern.add_(torch.rand_like(task._module.pattern))
+        task.module.pattern.add_(torch.rand_like(task.module.pattern))
         found = task.validate()
         assert torch.equal(task.extra_state()["remembered"], before)
         problem = tiny_edof.make_problem(config)
-        other = JointTask(task._module, problem, task._sampler, config, Processes(), {})
+        other = JointTask(task.module, problem, task._sampler, config, Processes(), {})
         assert other.validate() == found
         assert not torch.equal(other.extra_state()["remembered"], before)
 
@@ -159,7 +159,7 @@ def test_gradients_of_a_joint_step_are_those_of_finite_differences(monkeypatch, 
     """
     in_double(monkeypatch)
     task = tiny_edof.make_joint_task(tiny_edof.make_config(changes))
-    module = task._module
+    module = task.module
     module.network.double()
     kept = joint_task.DepthStatistics.of_transfers
     once = []

@@ -13,11 +13,10 @@ from tiny_training import LINE, PICTURES, LineTask, PictureTask, same
 
 from labapp.common.errors import UserError
 from labapp.files.state_file import StateFile
-from labapp.training import step_count
-from labapp.training.command import train_for_command
+from labapp.training import command
+from labapp.training.command import count_steps, train_for_command
 from labapp.training.loop import run_training
 from labapp.training.processes import Processes
-from labapp.training.step_count import count_steps
 from labapp.training.task import VALIDATION_STEP, sample_generator
 from optics.progress import Cancelled, Progress
 
@@ -150,7 +149,7 @@ def test_minutes_become_steps_and_change_nothing(monkeypatch):
             now[0] += 6
             return super().validate()
 
-    monkeypatch.setattr(step_count.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(command.time, "perf_counter", lambda: now[0])
     task = SlowTask()
     assert count_steps(task, PICTURES, 10, Processes()) == int(600 / 3.4)
     assert count_steps(task, PICTURES, 0.01, Processes()) == 1

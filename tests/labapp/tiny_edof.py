@@ -34,10 +34,9 @@ from labapp.files.output_paths import trained_output_paths
 from labapp.training.edof.captures import DrawnScene, MixedPictures, SceneSampler
 from labapp.training.edof.config import EdofTrainingConfig, read_edof_config
 from labapp.training.edof.decoder_task import DecoderTask
-from labapp.training.edof.drawing import ShownScene
 from labapp.training.edof.joint_task import JointTask, PatternWithDecoder
 from labapp.training.edof.optics_table import OpticsTable, tabulate_optics
-from labapp.training.edof.result import TrainedResult
+from labapp.training.edof.result import ShownScene, TrainedResult
 from labapp.training.processes import Processes, join_processes
 from labapp.training.scenes import Scene
 from optics.edof.learned import DecoderNetwork

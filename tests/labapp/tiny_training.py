@@ -24,7 +24,7 @@ import torch
 from labapp.files import state_file
 from labapp.training.command import train_for_command
 from labapp.training.processes import Processes, join_processes
-from labapp.training.schedule import TrainingSchedule
+from labapp.training.state import TrainingSchedule
 from labapp.training.task import VALIDATION_STEP, sample_generator
 from optics.progress import Cancelled
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from labapp.common.figure_png import figure_to_png
-from labapp.edof.decoder_facts import describe_decoder
+from labapp.edof.trained_pattern import describe_decoder
 from labapp.files.picture.photograph import Light
 from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.pictures.reconstructing.decoding import DecodedPhotograph, DecodingProblem

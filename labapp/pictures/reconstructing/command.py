@@ -11,7 +11,7 @@ import numpy as np
 
 from labapp.common.console import out, print_json, print_message, print_table, terminal_progress
 from labapp.common.speed import machine_speed
-from labapp.edof.decoder_facts import decoder_data, describe_decoder
+from labapp.edof.trained_pattern import decoder_data, describe_decoder
 from labapp.files.writing import encode_image, write_atomically
 from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.analysis.score import ReferencePicture, Score

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from labapp.common.errors import UserError
-from labapp.edof.decoder_facts import training_noise
 from labapp.edof.decoding import PhotographDecoder
-from labapp.edof.trained_pattern import TrainedPattern
+from labapp.edof.trained_pattern import TrainedPattern, training_noise
 from labapp.files.picture.photograph import Light
 from labapp.pictures.analysis.score import Score
 from labapp.pictures.reconstructing.problem import WHITE_PERCENTILE, RestorationProblem

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from labapp.common.errors import UserError
-from labapp.edof.decoder_facts import find_trained_pattern
 from labapp.edof.decoding import PhotographDecoder, build_decoder
 from labapp.edof.shown_pattern import match_shown_pattern
-from labapp.edof.trained_pattern import TrainedPattern
+from labapp.edof.trained_pattern import TrainedPattern, find_trained_pattern
 from labapp.files.picture.photograph import Light
 from labapp.pictures.reconstructing.decoding import DecodingProblem, prepare_problem
 from labapp.pictures.reconstructing.recorded_photograph import is_record

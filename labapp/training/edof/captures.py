@@ -129,8 +129,8 @@ def capture_scenes(
     linear: whether pictures are decoded to linear light; decoders are then compared in sRGB.
     """
     device = transfers[0].device
-    images: list[torch.Tensor | None] = [None] * len(drawn)
-    truths: list[torch.Tensor | None] = [None] * len(drawn)
+    images: dict[int, torch.Tensor] = {}
+    truths: dict[int, torch.Tensor] = {}
     # Scenes with as many layers are computed together.
     for layers in sorted({len(one.depths) for one in drawn}):
         group = [k for k, one in enumerate(drawn) if len(one.depths) == layers]
@@ -143,8 +143,7 @@ def capture_scenes(
             images[k], truths[k] = blurred[place], sharp[place]
     noise = torch.tensor([one.noise for one in drawn], dtype=torch.float32, device=device)
     grain = torch.from_numpy(np.stack([one.grain for one in drawn])).to(device)
-    image = torch.stack([one for one in images if one is not None])
-    truth = torch.stack([one for one in truths if one is not None])
+    image, truth = (torch.stack([one[k] for k in sorted(one)]) for one in (images, truths))
     captured = image + noise[:, None, None] * grain
     shown = encode_srgb(truth) if linear else truth
     return Captures(captured[:, None], shown[:, None], noise)

@@ -12,29 +12,29 @@ from typing import Any
 import torch
 
 from labapp.common.console import out
+from labapp.common.errors import UserError
 from labapp.edof.design_problem import EdofProblem
-from labapp.edof.design_search import search_pattern
-from labapp.edof.design_state import DesignStateFile
-from labapp.files.bench_file import BenchFile, read_bench
+from labapp.edof.design_search import DesignStateFile, search_pattern
+from labapp.files.bench_file import read_bench
 from labapp.files.state_file import StateFile
-from labapp.training.command import show_progress, train_for_command
+from labapp.training.command import count_steps, show_progress, train_for_command
 from labapp.training.edof.captures import MixedPictures, SceneSampler
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.decoder_task import DecoderTask, decoder_schedule
-from labapp.training.edof.drawing import ShownScene, choose_scenes
 from labapp.training.edof.joint_task import JointTask, PatternWithDecoder, joint_schedule
 from labapp.training.edof.optics_table import tabulate_optics
-from labapp.training.edof.requirements import require_samples, require_usable
-from labapp.training.edof.result import TrainedResult, print_result, write_result
+from labapp.training.edof.result import (
+    TrainedResult,
+    choose_scenes,
+    print_result,
+    write_result,
+)
 from labapp.training.edof.training_data import measure_spectrum, read_pictures
-from labapp.training.loop import TrainingResult
-from labapp.training.manifest import DataManifest
 from labapp.training.processes import Processes, join_processes
-from labapp.training.step_count import count_steps
 from labapp.training.task import TrainingTask
 from optics.edof.learned import DecoderNetwork
 from optics.edof.pattern_rating import SearchState
-from optics.edof.picture_spectrum import SpectrumModel
+from optics.slm import phase_to_grey
 from optics.threads import single_threaded
 
 DEFAULT_STEPS = 20000
@@ -68,14 +68,6 @@ class TrainingRequest:
     device: str
 
 
-@dataclass(frozen=True, eq=False)
-class _Stages:
-    """The steps of the decoder alone, and of pattern and decoder together."""
-
-    decoder: int
-    joint: int
-
-
 @single_threaded
 def train_edof(request: TrainingRequest, files: Sequence[Path]) -> None:
     """Train a pattern for depth of field with its decoder, and write both.
@@ -106,22 +98,30 @@ class _EdofTraining:
             photographs, self._manifest = read_pictures(
                 request.pictures, request.test_pictures, config, progress
             )
+        self._digest = "drawn" if self._manifest is None else self._manifest.digest
         pictures = MixedPictures(photographs, config.scenes.procedural_share)
         ahead = _STEPS_AHEAD if processes.device.type == "cuda" else 0
         self._sampler = SceneSampler(pictures, config, ahead)
         asked = config.design_request(request.folder)
         assert asked.bench is not None
-        self._bench: BenchFile = read_bench(asked.bench)
-        self._spectrum: SpectrumModel = measure_spectrum(pictures, config)
+        self._bench = read_bench(asked.bench)
+        self._spectrum = measure_spectrum(pictures, config)
         self._design_problem = EdofProblem(asked, self._bench.build_camera(), self._spectrum)
         scenes = replace(asked, size=config.training.side)
         self._problem = EdofProblem(scenes, self._design_problem.camera, self._spectrum)
         self._start = self._design_problem.start_phase()
-        require_usable(self._problem, self._start, config)
+        try:
+            self._problem.transfer(config.wavelength)
+            phase_to_grey(self._problem.camera.panel, self._start, config.wavelength, 1)
+        except ValueError as error:
+            raise UserError(
+                f"train edof, bench {asked.bench}, wavelength_nm = {config.wavelength_nm:g}: "
+                f"{error}."
+            ) from error
         # All that the result depends on: files by their content, not by their name.
         self._settings = {
             **config.as_settings(),
-            "data": _digest(self._manifest),
+            "data": self._digest,
             "bench checksum": _checksum(self._bench.model_dump_json().encode()),
             "start checksum": _checksum(self._start.numpy().tobytes()),
         }
@@ -137,43 +137,37 @@ class _EdofTraining:
         parameters = self._design()
         table = tabulate_optics(self._problem, parameters, config).to(processes.device)
         task = DecoderTask(self._network, table, self._sampler, config, self._settings)
-        stages = self._count_stages(task, parameters)
-        task = DecoderTask(
-            self._network,
-            table,
-            self._sampler,
-            config,
-            {**self._settings, "joint_steps": stages.joint},
-        )
+        steps, joint = self._count_stages(task, parameters)
+        settings = {**self._settings, "joint_steps": joint}
+        task = DecoderTask(self._network, table, self._sampler, config, settings)
         if processes.is_writer:
-            out.print(f"{stages.decoder} steps of the decoder, {stages.joint} joint ones")
-        schedule = decoder_schedule(config, stages.decoder)
-        alone = train_for_command(
-            task, schedule, self._state("decoder"), processes, steps=stages.decoder
-        )
+            out.print(f"{steps} steps of the decoder, {joint} joint ones")
+        schedule = decoder_schedule(config, steps)
+        alone = train_for_command(task, schedule, self._state("decoder"), processes, steps=steps)
         self._network.load_state_dict(alone.weights)
         self._account |= {
-            "decoder_steps": stages.decoder,
+            "decoder_steps": steps,
             "decoder_skipped": alone.skipped,
             "decoder_validation": alone.history[-1][1],
             "history": [list(one) for one in alone.history],
             "joint_steps": 0,
         }
         self._parameters = parameters
-        if stages.joint:
-            self._train_jointly(stages.joint)
+        if joint:
+            self._train_jointly(joint)
 
     def write(self, cpu_seconds: float) -> None:
         """Write the pattern with its decoder, and print what was reached."""
+        config = self._request.config
         self._account |= {
-            "seed": self._request.config.seed,
+            "seed": config.seed,
             "processes": self._processes.count,
             "device": self._processes.device.type,
             "cpu_seconds": cpu_seconds,
-            "data": _digest(self._manifest),
+            "data": self._digest,
         }
         result = TrainedResult(
-            self._request.config,
+            config,
             self._bench,
             self._problem,
             self._spectrum,
@@ -182,20 +176,16 @@ class _EdofTraining:
             self._manifest,
             self._account,
         )
-        write_result(result, self._choose_scenes(), self._files)
-        for name in ("design", "decoder", "joint"):
-            self._state(name).unlink(missing_ok=True)
-        print_result(result, self._files)
-
-    def _choose_scenes(self) -> list[ShownScene]:
-        """Decode a few validation scenes behind the pattern, for its picture."""
-        config = self._request.config
+        # A few validation scenes, decoded behind the pattern, are in its picture.
         few = config.depths.model_copy(update={"count": _SHOWN_DEPTHS})
         config = config.model_copy(update={"depths": few})
         table = tabulate_optics(self._problem, self._parameters, config)
         table = table.to(self._processes.device)
         task = DecoderTask(self._network, table, self._sampler, config, self._settings)
-        return choose_scenes(task, self._sampler)
+        write_result(result, choose_scenes(task, self._sampler), self._files)
+        for name in ("design", "decoder", "joint"):
+            self._state(name).unlink(missing_ok=True)
+        print_result(result, self._files)
 
     def _design(self) -> torch.Tensor:
         """Design the pattern without pictures, in the writing process, for all of them."""
@@ -226,9 +216,7 @@ class _EdofTraining:
         schedule = joint_schedule(self._request.config, steps)
         kept = self._state("joint")
         decoder = {name: value.clone() for name, value in self._network.state_dict().items()}
-        result: TrainingResult = train_for_command(
-            task, schedule, kept, self._processes, steps=steps
-        )
+        result = train_for_command(task, schedule, kept, self._processes, steps=steps)
         last = result.history[-1][1]
         self._account |= {
             "joint_steps": steps,
@@ -238,63 +226,57 @@ class _EdofTraining:
             "joint_history": [list(one) for one in result.history],
         }
         if last > first:
-            joint = task.module
-            joint.load_state_dict(result.weights)
-            assert isinstance(joint, PatternWithDecoder)
-            self._parameters = joint.pattern.detach().cpu().clone()
+            task.module.load_state_dict(result.weights)
+            self._parameters = task.module.pattern.detach().cpu().clone()
         else:
             self._network.load_state_dict(decoder)
 
     def _joint_task(self, parameters: torch.Tensor) -> JointTask:
         """Return the joint task of a pattern and the network as it is."""
         module = PatternWithDecoder(self._network, parameters).to(self._processes.device)
-        return JointTask(
-            module,
-            self._problem,
-            self._sampler,
-            self._request.config,
-            self._processes,
-            self._settings,
-        )
+        config, processes = self._request.config, self._processes
+        return JointTask(module, self._problem, self._sampler, config, processes, self._settings)
 
-    def _count_stages(self, task: TrainingTask, parameters: torch.Tensor) -> _Stages:
-        """Return the steps of both stages: those that are asked for, or those of a kept state."""
-        request, config = self._request, self._request.config
-        share = config.joint.share
-        if request.steps is not None:
-            return _share_steps(request.steps, share)
-        kept = StateFile(self._state("decoder"), "training").read_settings()
-        if kept is not None:
-            return _Stages(int(kept["steps"]), int(kept.get("joint_steps", 0)))
-        if request.minutes is None:
-            return _share_steps(DEFAULT_STEPS, share)
-        alone = count_steps(
-            task, decoder_schedule(config, 1000), request.minutes * (1 - share), self._processes
-        )
+    def _count_stages(self, task: TrainingTask, parameters: torch.Tensor) -> tuple[int, int]:
+        """Return the steps of the decoder alone, and of pattern and decoder together.
+
+        They are those that are asked for, or those of a kept state.
+        """
+        request, config, processes = self._request, self._request.config, self._processes
+        share, steps = config.joint.share, request.steps
+        if steps is None:
+            kept = StateFile(self._state("decoder"), "training").read_settings()
+            if kept is not None:
+                return int(kept["steps"]), int(kept.get("joint_steps", 0))
+        if steps is not None or request.minutes is None:
+            steps = DEFAULT_STEPS if steps is None else steps
+            joint = round(steps * share)
+            return max(steps - joint, 1), joint
+        minutes = request.minutes
+        alone = count_steps(task, decoder_schedule(config, 1000), minutes * (1 - share), processes)
         if not share:
-            return _Stages(alone, 0)
+            return alone, 0
         both = self._joint_task(parameters)
-        joint = count_steps(
-            both, joint_schedule(config, 1000), request.minutes * share, self._processes
-        )
-        return _Stages(alone, joint)
+        return alone, count_steps(both, joint_schedule(config, 1000), minutes * share, processes)
 
     def _state(self, stage: str) -> Path:
         """Return the file that keeps the state of a stage."""
         return self._files[0].with_suffix(f".{stage}-state")
 
 
-def _share_steps(steps: int, share: float) -> _Stages:
-    """Return the steps of both stages, of so many in all and a joint share."""
-    joint = round(steps * share)
-    return _Stages(max(steps - joint, 1), joint)
-
-
-def _digest(manifest: DataManifest | None) -> str:
-    """Return the checksum of the photographs; "drawn" without any."""
-    return "drawn" if manifest is None else manifest.digest
-
-
 def _checksum(content: bytes) -> str:
     """Return a short checksum of what the result depends on, by which a change is noticed."""
     return hashlib.sha256(content).hexdigest()[:16]
+
+
+def require_samples(config: EdofTrainingConfig, processes: Processes) -> None:
+    """Raise UserError if a step has fewer scenes than there are processes."""
+    tables = {"training": config.training.samples}
+    if config.joint.share:
+        tables["joint"] = config.joint.samples
+    for name, samples in tables.items():
+        if samples < processes.count:
+            raise UserError(
+                f"samples = {samples} in [{name}]: there are {processes.count} processes. Give as "
+                "many scenes, or start fewer processes."
+            )

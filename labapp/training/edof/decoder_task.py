@@ -17,7 +17,7 @@ from labapp.training.edof.captures import (
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.depth_choice import depth_indices
 from labapp.training.edof.optics_table import OpticsTable
-from labapp.training.schedule import TrainingSchedule
+from labapp.training.state import TrainingSchedule
 from labapp.training.task import VALIDATION_STEP
 from optics.edof.learned import DecoderNetwork, WienerFront
 from optics.edof.learned.decoder_network import encode_screen, fit_psf
@@ -62,27 +62,12 @@ class DecoderTask:
         config: EdofTrainingConfig,
         settings: Mapping[str, Any],
     ) -> None:
-        self._network, self._optics, self._sampler = network, optics, sampler
-        self._config, self._settings = config, settings
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """Everything that the result depends on besides the schedule."""
-        return self._settings
-
-    @property
-    def module(self) -> torch.nn.Module:
-        """The decoder's network."""
-        return self._network
-
-    @property
-    def samples(self) -> int:
-        """Scenes of a step."""
-        return self._config.training.samples
+        self.module, self._optics, self._sampler = network, optics, sampler
+        self._config, self.settings, self.samples = config, settings, config.training.samples
 
     def parameter_groups(self) -> list[dict[str, Any]]:
         """Return all weights of the network, as one group."""
-        return [{"params": list(self._network.parameters()), "rate": 1.0}]
+        return [{"params": list(self.module.parameters()), "rate": 1.0}]
 
     def losses(self, step: int, samples: Sequence[int]) -> torch.Tensor:
         """Return the losses of decoded scenes of a step."""
@@ -120,7 +105,7 @@ class DecoderTask:
         ]
         captures = capture_scenes(drawn, transfers, linear=self._config.scenes.light == "linear")
         front = optics.statistics.front(shares.to(captures.pictures.device))
-        return decode_captures(self._network, captures, front, transfers), captures
+        return decode_captures(self.module, captures, front, transfers), captures
 
 
 def decode_captures(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -19,6 +20,7 @@ from labapp.training.edof.captures import (
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.decoder_task import (
     decode_captures,
+    decoder_schedule,
     scene_losses,
     validation_score,
 )
@@ -29,7 +31,7 @@ from labapp.training.edof.optics_table import (
     transfer_on_axis,
 )
 from labapp.training.processes import Processes
-from labapp.training.schedule import TrainingSchedule
+from labapp.training.state import TrainingSchedule
 from optics.edof.learned import DecoderNetwork
 from optics.edof.learned.wiener_front import DepthStatistics, add_unmodulated_light
 
@@ -44,17 +46,9 @@ one of half a million pixels."""
 
 def joint_schedule(config: EdofTrainingConfig, steps: int) -> TrainingSchedule:
     """Return the schedule of a pattern together with its decoder."""
-    table, own = config.training, config.joint
-    return TrainingSchedule(
-        steps,
-        own.first_rate,
-        own.last_rate,
-        min(table.warm_up, steps - 1),
-        table.average_decay,
-        table.clip,
-        table.validation_interval,
-        config.seed + 1,
-    )
+    own, seed = config.joint, config.seed + 1
+    alone = decoder_schedule(config, steps)
+    return replace(alone, first_rate=own.first_rate, last_rate=own.last_rate, seed=seed)
 
 
 class PatternWithDecoder(nn.Module):
@@ -91,8 +85,9 @@ class JointTask:
         processes: Processes,
         settings: Mapping[str, Any],
     ) -> None:
-        self._module, self._problem, self._sampler = module, problem, sampler
-        self._config, self._processes, self._settings = config, processes, settings
+        self.module, self._problem, self._sampler = module, problem, sampler
+        self._config, self._processes, self.settings = config, processes, settings
+        self.samples = config.joint.samples
         self._transfer = problem.transfer(problem.request.wavelengths[0])
         self._dioptres = training_dioptres(config, config.joint.parts)
         self._spectrum = problem.spectrum.to(processes.device, torch.float32)
@@ -101,28 +96,13 @@ class JointTask:
         # By the PSFs before the joint training, so that the scenes' depths stay the same in it.
         self._chances = depth_chances(self._remembered, config).cpu()
 
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """Everything that the result depends on besides the schedule."""
-        return self._settings
-
-    @property
-    def module(self) -> torch.nn.Module:
-        """The pattern's parameters and its decoder's network."""
-        return self._module
-
-    @property
-    def samples(self) -> int:
-        """Scenes of a step."""
-        return self._config.joint.samples
-
     def parameter_groups(self) -> list[dict[str, Any]]:
         """Return the decoder's weights, and the pattern's parameters with a rate of their own."""
         own = self._config.joint
         return [
-            {"params": list(self._module.network.parameters()), "rate": 1.0},
+            {"params": list(self.module.network.parameters()), "rate": 1.0},
             {
-                "params": [self._module.pattern],
+                "params": [self.module.pattern],
                 "rate": own.pattern_rate / own.first_rate,
                 "eps": _LEAST_GRADIENT,
             },
@@ -135,17 +115,21 @@ class JointTask:
         pairs = zip(samples, drawn, strict=True)
         chosen = [(step + one) % len(scene.depths) for one, scene in pairs]
         depths = [scene.depths[k] for scene, k in zip(drawn, chosen, strict=True)]
-        phase = self._problem.phase(self._module.pattern)
+        phase = self._problem.phase(self.module.pattern)
         places = depth_indices(self._chances, depths)
-        dioptres = self._choose_dioptres(depths, places)
+        config = self._config
+        if config.depths.distances_m:
+            dioptres = [self._dioptres[one] for one in places]
+        else:
+            depth_range = (config.far_dioptre, config.near_dioptre)
+            dioptres = choose_dioptres(self._chances, depths, depth_range)
         fresh = self._compute_fresh(phase, dioptres, step, samples, places)
         transfers = []
         for scene, k, own in zip(drawn, chosen, fresh, strict=True):
             each = list(self._remembered[self._places(scene)])
             each[k] = own
             transfers.append(torch.stack(each))
-        decoded = self._decode(drawn, transfers)
-        return scene_losses(decoded, self._config)
+        return scene_losses(self._decode(drawn, transfers), config)
 
     def _compute_fresh(
         self,
@@ -211,17 +195,7 @@ class JointTask:
         captures = capture_scenes(drawn, mixed, linear=self._config.scenes.light == "linear")
         known = DepthStatistics.of_transfers(self._remembered, self._flat, self._spectrum)
         front = known.front(shares.to(self._processes.device))
-        return decode_captures(self._module.network, captures, front, mixed), captures
-
-    def _choose_dioptres(self, depths: Sequence[float], places: Sequence[int]) -> list[float]:
-        """Return the depths in dioptres that random numbers from 0 to 1 choose.
-
-        places: the parts of the range that they are in, which give them where distances are named.
-        """
-        config = self._config
-        if config.depths.distances_m:
-            return [self._dioptres[one] for one in places]
-        return choose_dioptres(self._chances, depths, (config.far_dioptre, config.near_dioptre))
+        return decode_captures(self.module.network, captures, front, mixed), captures
 
     def _places(self, scene: DrawnScene) -> list[int]:
         """Return the parts of the range of depths that a scene's layers are in."""
@@ -231,9 +205,8 @@ class JointTask:
         """Replace what is remembered of parts of the range by what all processes computed."""
         device = self._processes.device
         where = self._processes.gather(torch.tensor(places, device=device)).tolist()
-        found = self._processes.gather(fresh)
         remembered = self._remembered.clone()
-        for place, one in zip(where, found, strict=True):
+        for place, one in zip(where, self._processes.gather(fresh), strict=True):
             if place >= 0 and bool(
                 torch.isfinite(one.real).all() and torch.isfinite(one.imag).all()
             ):
@@ -246,5 +219,5 @@ class JointTask:
 
         flat: for a flat pattern instead, as unmodulated light sees it.
         """
-        phase = self._problem.phase(self._module.pattern)
+        phase = self._problem.phase(self.module.pattern)
         return compute_transfers(self._transfer, phase * (not flat), self._dioptres)

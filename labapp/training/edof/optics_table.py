@@ -15,7 +15,6 @@ from optics.edof.dioptres import dioptres_from_metres, midpoint_dioptres
 from optics.edof.learned.wiener_front import DepthStatistics
 from optics.edof.panel_transfer import ConditionTransfer, PanelCondition, QuarterTransfer
 from optics.edof.pattern_transfer import PatternTransfer
-from optics.progress import Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +47,7 @@ class OpticsTable:
 
 @torch.no_grad()
 def tabulate_optics(
-    problem: EdofProblem,
-    parameters: torch.Tensor,
-    config: EdofTrainingConfig,
-    progress: Progress | None = None,
+    problem: EdofProblem, parameters: torch.Tensor, config: EdofTrainingConfig
 ) -> OpticsTable:
     """Compute the transfer functions of a pattern at all depths of the configuration.
 
@@ -61,29 +57,20 @@ def tabulate_optics(
     transfer = problem.transfer(problem.request.wavelengths[0])
     phase = problem.phase(parameters)
     dioptres = training_dioptres(config)
-    progress = progress or Progress()
-    transfers = compute_transfers(transfer, phase, dioptres, progress.part(0, 0.5))
-    flat = compute_transfers(transfer, torch.zeros_like(phase), dioptres, progress.part(0.5, 1))
+    transfers = compute_transfers(transfer, phase, dioptres)
+    flat = compute_transfers(transfer, torch.zeros_like(phase), dioptres)
     chances = depth_chances(transfers, config)
     return OpticsTable(dioptres, transfers, flat, chances, problem.spectrum)
 
 
 def compute_transfers(
-    transfer: PatternTransfer,
-    phase: torch.Tensor,
-    dioptres: Sequence[float],
-    progress: Progress | None = None,
+    transfer: PatternTransfer, phase: torch.Tensor, dioptres: Sequence[float]
 ) -> torch.Tensor:
     """Compute a pattern's transfer functions at many depths, one after the other.
 
     Returns (depths, side, side // 2 + 1), complex64.
     """
-    found = []
-    for number, one in enumerate(dioptres):
-        if progress is not None:
-            progress.report(number / len(dioptres), f"transfer function at {one:.2f} dioptres")
-        found.append(transfer_on_axis(transfer, phase, (one,))[0])
-    return torch.stack(found)
+    return torch.stack([transfer_on_axis(transfer, phase, (one,))[0] for one in dioptres])
 
 
 def transfer_on_axis(

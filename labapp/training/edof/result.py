@@ -10,21 +10,100 @@ from typing import Any
 
 import numpy as np
 import torch
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from labapp.common.console import out, print_table
+from labapp.common.figure_png import figure_to_png
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.trained_pattern import decoder_contents
 from labapp.files.bench_file import BenchFile
 from labapp.files.design_file import DesignContents, Grid, write_design
 from labapp.files.writing import encode_image, write_atomically
+from labapp.training.edof.captures import SceneSampler
 from labapp.training.edof.config import EdofTrainingConfig
-from labapp.training.edof.drawing import ShownScene, draw_training
+from labapp.training.edof.decoder_task import DecoderTask
 from labapp.training.manifest import DataManifest
-from optics.camera import Camera
+from labapp.training.task import VALIDATION_STEP
 from optics.edof.learned import DecoderNetwork
 from optics.edof.picture_spectrum import SpectrumModel
 from optics.psf import PSFOperator
 from optics.slm import phase_to_grey
+
+_SCENES, _DRAWN = 3, 24
+"""Scenes that are shown, and validation scenes from which they are taken. Chosen."""
+
+_TITLES = ("captured", "filtered", "decoded", "scene")
+
+
+@dataclass(frozen=True, eq=False)
+class ShownScene:
+    """A validation scene in the picture of the result.
+
+    caption: number of layers, noise and PSNR.
+    pictures: as captured, as filtered, as decoded, and as it is, each (side, side); in the scale of
+    the comparison.
+    """
+
+    caption: str
+    pictures: tuple[NDArray[np.float32], ...]
+
+
+@torch.no_grad()
+def choose_scenes(task: DecoderTask, sampler: SceneSampler) -> list[ShownScene]:
+    """Decode a few validation scenes, planes and layered ones."""
+    drawn = sampler.draw(VALIDATION_STEP, range(_DRAWN), "validation")
+    planes = [one for one in drawn if len(one.depths) == 1]
+    layered = [one for one in drawn if len(one.depths) > 1]
+    chosen = [*layered[:1], *planes[: _SCENES - len(layered[:1])], *layered[1:]][:_SCENES]
+    found = []
+    for one in chosen:
+        pictures = task.decode_scene(one)
+        error = float((pictures[2] - pictures[3]).square().mean())
+        layers = len(one.depths)
+        kind = "one depth" if layers == 1 else f"{layers} layers"
+        caption = f"{kind}, noise {one.noise:.3f}: {-10 * np.log10(error + 1e-10):.1f} dB"
+        found.append(ShownScene(caption, tuple(each.cpu().numpy() for each in pictures)))
+    return found
+
+
+def draw_training(
+    title: str,
+    grey: NDArray[np.uint8],
+    histories: Mapping[str, Sequence[Sequence[float]]],
+    scenes: list[ShownScene],
+) -> bytes:
+    """Draw a pattern, its validation scores and decoded scenes as PNG.
+
+    histories: step and score in dB of each validation, by the stage of the training.
+    """
+    figure = Figure(figsize=(13.5, 3.1 + 3.3 * len(scenes)), dpi=100, layout="constrained")
+    figure.suptitle(title, fontsize=12)
+    grid = figure.add_gridspec(1 + len(scenes), 4)
+    pattern = figure.add_subplot(grid[0, :2])
+    pattern.imshow(grey, cmap="gray", vmin=0, vmax=255)
+    _label(pattern, "pattern, grey levels")
+    axes = figure.add_subplot(grid[0, 2:])
+    for name, history in histories.items():
+        if history:
+            steps, scores = zip(*history, strict=True)
+            axes.plot(steps, scores, marker="o", label=name)
+    axes.set(xlabel="step of the stage", ylabel="validation, dB")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    for row, scene in enumerate(scenes, 1):
+        for column, (name, picture) in enumerate(zip(_TITLES, scene.pictures, strict=True)):
+            axes = figure.add_subplot(grid[row, column])
+            axes.imshow(picture, cmap="gray", vmin=0, vmax=1)
+            _label(axes, scene.caption if name == "decoded" else name)
+    return figure_to_png(figure)
+
+
+def _label(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=10)
+    axes.set(xticks=[], yticks=[])
+
 
 _SHOWN_DEPTHS, _SHOWN_PIXELS = 3, 129
 """Depths and pixels along a side of the PSFs in the file. Chosen, so that it stays small."""
@@ -78,7 +157,7 @@ def write_result(result: TrainedResult, scenes: list[ShownScene], files: Sequenc
         orders=1,
         frame_time=0.0,
         pixel_pitch=camera.panel.pitch,
-        psf=_compute_psfs(result, camera, wavelength),
+        psf=_compute_psfs(result),
         target=None,
         quality={"validation": result.validation},
         decoder=decoder_contents(
@@ -87,7 +166,15 @@ def write_result(result: TrainedResult, scenes: list[ShownScene], files: Sequenc
     )
     write_design(design, contents)
     write_atomically(pattern, encode_image(pattern, grey))
-    write_atomically(picture, draw_training(_title(result), grey, _histories(result), scenes))
+    far, near = result.problem.depth_range
+    network, account = result.network, result.account
+    title = (
+        f"Extended depth of field, {far:g} to {near:g} D, {result.config.wavelength_nm:g} nm: "
+        f"{network.settings.knowledge}, {network.weight_count:,} weights, {result.validation:.2f} "
+        "dB in validation"
+    )
+    histories = {"decoder": account["history"], "joint": account.get("joint_history", [])}
+    write_atomically(picture, draw_training(title, grey, histories, scenes))
     if result.manifest is not None:
         result.manifest.write(listed)
 
@@ -111,25 +198,9 @@ def print_result(result: TrainedResult, files: Sequence[Path]) -> None:
         out.print(f"wrote {one}", soft_wrap=True)
 
 
-def _title(result: TrainedResult) -> str:
-    """Return the picture's title."""
-    far, near = result.problem.depth_range
-    network = result.network
-    return (
-        f"Extended depth of field, {far:g} to {near:g} D, {result.config.wavelength_nm:g} nm: "
-        f"{network.settings.knowledge}, {network.weight_count:,} weights, {result.validation:.2f} "
-        "dB in validation"
-    )
-
-
-def _histories(result: TrainedResult) -> dict[str, list[tuple[int, float]]]:
-    """Return step and validation score by stage."""
-    kept = {"decoder": result.account["history"], "joint": result.account.get("joint_history", [])}
-    return {name: [(int(a), float(b)) for a, b in one] for name, one in kept.items()}
-
-
-def _compute_psfs(result: TrainedResult, camera: Camera, wavelength: float) -> Grid:
+def _compute_psfs(result: TrainedResult) -> Grid:
     """Compute PSFs of the pattern at some depths, for its file."""
+    camera, wavelength = result.problem.camera, result.config.wavelength
     side = min(_SHOWN_PIXELS, *camera.sensor.shape)
     pixels = camera.sensor.window_plane((side, side))
     found = []

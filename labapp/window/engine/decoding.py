@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labapp.common.errors import UserError
-from labapp.edof.decoder_facts import BUNDLED, find_trained_pattern, name_decoder
 from labapp.edof.shown_pattern import match_shown_pattern
-from labapp.edof.trained_pattern import BUNDLED_PATTERN
+from labapp.edof.trained_pattern import BUNDLED, BUNDLED_PATTERN, find_trained_pattern, name_decoder
 from labapp.files.grey_table import ImagePattern
 from labapp.files.output_paths import is_design, require_photograph_ending
 from labapp.files.picture.photograph_writing import encode_srgb
