@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench
 from labapp.calibration.camera.request import NEUTRAL_NAME, CameraRequest
-from labapp.calibration.trial_exposures import limit_exposures, trial_plan
+from labapp.calibration.exposure_search import limit_exposures, trial_plan
 from labapp.common.errors import UserError
 from labapp.files.quantities import round_exposure
 from labapp.runs.acquisition.attendance import AskOperator, Attendance
