@@ -26,8 +26,8 @@ from labapp.files.calibration_file import (
     calibration_to_json,
 )
 from labapp.files.plan_file import PlanFile
-from labapp.files.plan_folder import PATTERN_FOLDER, PLAN_FILE, RECORD_FILE, write_plan
-from labapp.files.writing import make_folder, require_free_names, write_atomically
+from labapp.files.plan_folder import PATTERN_FOLDER, RECORD_FILE, write_plan
+from labapp.files.writing import make_folder, write_atomically
 from labapp.runs.acquisition.attendance import AskOperator
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import run_written_plan
@@ -66,9 +66,6 @@ def calibrate(
     UserError that says what is wrong at the bench, and Cancelled if the progress was cancelled.
     """
     progress = progress or Progress()
-    require_free_names(
-        folder, (PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE), force=force
-    )
     request = complete_request(request, bench)
     make_folder(folder)
     # The bench's calibration is used if it has one, because it improves the gratings.
@@ -98,11 +95,8 @@ def _write_calibration_plan(
     return plan
 
 
-def prepare_plan_only(
-    bench: Bench, request: CalibrationRequest, folder: Path, *, force: bool = False
-) -> PlanFile:
+def prepare_plan_only(bench: Bench, request: CalibrationRequest, folder: Path) -> PlanFile:
     """Write plan and patterns for a later run; UserError without an exposure."""
-    require_free_names(folder, (PLAN_FILE,), force=force)
     if request.exposure_ms is None:
         raise UserError(
             "--plan-only takes no pictures, and can't find the exposure by trial. Give "

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_whole
 from labapp.files.quantities import Nanometres, Positive
 from labapp.files.reading import FileModel
 
@@ -40,6 +42,15 @@ class CalibrationRequest(FileModel):
 
     def includes(self, part: Part) -> bool:
         return part in self.parts
+
+
+def parse_regions(text: str) -> tuple[int, ...]:
+    """Parse the rows and columns of the panel's regions, as in 2x2."""
+    try:
+        rows, columns = (parse_whole(one) for one in text.split("x"))
+    except ValueError as error:
+        raise UserError(f"--regions {text}: give rows x columns, as in 2x2.") from error
+    return rows, columns
 
 
 class CalibrationExposures(FileModel):

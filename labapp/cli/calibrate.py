@@ -168,13 +168,6 @@ def calibrate(
             ("", "--spectra"): {"--exposure-ms": exposure_ms},
         },
     )
-    if camera:
-        asked_of_camera: dict[str, Any] = {
-            "flat": flat, "wavelength_nm": tuple(wavelength_nm or ()), "exposures": exposures,
-            "flat_ms": flat_ms, "dark_s": dark_s,
-        }  # fmt: skip
-        _calibrate_camera(context, asked_of_camera, out, fit, plan_only=plan_only)
-        return
     if spectra:
         named: dict[str, Any] = {
             "plan": plan, "flat": flat or "flat", "flat_ms": flat_ms, "lamp": lamp,
@@ -182,28 +175,36 @@ def calibrate(
         }  # fmt: skip
         _calibrate_spectra(context, named, out, fit, plan_only=plan_only)
         return
-    from labapp.calibration.command import (
-        CalibrateOptions,
-        calibrate_bench,
-        refit_record,
-        write_plan_only,
-    )
+    if camera:
+        use_one_thread()
+    from labapp.calibration.command import CAMERA, PANEL
 
     options = get_option_group(context, RunOptions)
+    kind = CAMERA if camera else PANEL
     if fit is not None:
-        refit_record(fit, options.run_mode)
+        kind.refit(fit, options.run_mode, **({"flat": flat} if camera else {}))
         return
     assert out is not None
-    asked = CalibrateOptions(
-        wavelengths_nm=tuple(wavelength_nm or [532.0]),
-        regions=regions or "2x2",
-        only=tuple(only or ()),
-        levels=40 if levels is None else levels,
-        exposure_ms=exposure_ms,
-        **vars(get_option_group(context, StarOptions)),
-    )
-    take = write_plan_only if plan_only else calibrate_bench
-    take(asked, out, options.bench_files(), options.run_mode)
+    star = get_option_group(context, StarOptions)
+    asked: dict[str, Any]
+    if camera:
+        if len(wavelength_nm or ()) > 1:
+            raise UserError("--wavelength-nm: the camera is calibrated at one wavelength.")
+        asked = {
+            "flat": flat, "dark": star.dark, "wavelength_nm": next(iter(wavelength_nm or ()), None),
+            "exposures": exposures, "flat_ms": flat_ms, "dark_s": dark_s,
+        }  # fmt: skip
+    else:
+        from labapp.calibration.request import parse_regions
+
+        asked = {
+            "wavelengths_nm": sorted(set(wavelength_nm or [532.0])),
+            "regions": None if regions is None else parse_regions(regions),
+            "parts": tuple(only or ()) or None, "levels": levels, "exposure_ms": exposure_ms, "star": star.star,
+            "dark": star.dark, "star_diameter_um": star.star_um, "star_distance_m": star.star_m,
+        }  # fmt: skip
+    take = kind.write_plan if plan_only else kind.take_and_fit
+    take(kind.read_request(asked), out, options.bench_files(), options.run_mode)
 
 
 def _calibrate_spectra(
@@ -230,33 +231,6 @@ def _calibrate_spectra(
     assert out is not None
     asked = SpectraOptions(**named, **vars(get_option_group(context, StarOptions)))
     take = write_spectra_plan if plan_only else calibrate_spectra_of_bench
-    take(asked, out, options.bench_files(), options.run_mode)
-
-
-def _calibrate_camera(
-    context: typer.Context,
-    named: dict[str, Any],
-    out: Path | None,
-    fit: Path | None,
-    *,
-    plan_only: bool,
-) -> None:
-    """Calibrate a camera's noise, from a bench or from the record `fit`."""
-    use_one_thread()
-    from labapp.calibration.camera.command import (
-        CameraOptions,
-        calibrate_camera_of_bench,
-        refit_camera,
-        write_camera_plan,
-    )
-
-    options = get_option_group(context, RunOptions)
-    if fit is not None:
-        refit_camera(fit, named["flat"], options.run_mode)
-        return
-    assert out is not None
-    asked = CameraOptions(**named, dark=get_option_group(context, StarOptions).dark)
-    take = write_camera_plan if plan_only else calibrate_camera_of_bench
     take(asked, out, options.bench_files(), options.run_mode)
 
 

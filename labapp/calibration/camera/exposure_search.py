@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench
-from labapp.calibration.camera.request import NEUTRAL_NAME, CameraRequest
+from labapp.calibration.camera.plan_design import NEUTRAL_NAME, CameraRequest
 from labapp.calibration.exposure_search import limit_exposures, trial_plan
 from labapp.common.errors import UserError
 from labapp.files.quantities import round_exposure
@@ -61,22 +61,14 @@ class FlatTrial:
     evenness: float = 1.0
 
 
-@dataclass(frozen=True)
-class LongestExposure:
-    """The longest exposure in seconds, and the number of trial frames that it took."""
-
-    exposure: float
-    trials: int
-
-
 def find_longest_exposure(
     bench: Bench,
     request: CameraRequest,
     folder: Path,
     progress: Progress,
     ask: AskOperator | None,
-) -> LongestExposure:
-    """Find the exposure at which all pixels are full, by trials on the flat target.
+) -> tuple[float, int]:
+    """Find the exposure at which all pixels are full, in seconds, and the number of trial frames.
 
     Raises UserError if the target is too bright or too dim for the camera's exposures.
     """
@@ -98,7 +90,7 @@ def find_longest_exposure(
         answer = judge_trials(trials, sensor)
         if isinstance(answer, float):
             progress.report(1.0, "exposure")
-            return LongestExposure(answer, len(trials))
+            return answer, len(trials)
         wanted = answer
     tried = ", ".join(f"{one.exposure * 1e3:g}" for one in trials)
     raise UserError(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.calibration.camera.request import CameraRequest, camera_request_of
+from labapp.calibration.camera.plan_design import CameraRequest, camera_request_of
 from labapp.common.errors import UserError
 from labapp.common.plain_text import shell_word
 from labapp.files.plan_file import ROLES
