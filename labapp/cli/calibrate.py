@@ -9,7 +9,13 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.option_groups import command_with_options, get_option_group
-from labapp.cli.shared_options import RunOptions, StarOptions, existing_path, light_in_nanometres
+from labapp.cli.shared_options import (
+    RunOptions,
+    StarOptions,
+    existing_path,
+    light_in_nanometres,
+    require_options_of_kind,
+)
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 
@@ -158,7 +164,7 @@ def calibrate(
     """
     if fit is None and out is None:
         raise UserError("--out is missing: name a folder for plan, record and results.")
-    _require_options_of_kind(
+    require_options_of_kind(
         "--camera" if camera else "--spectra" if spectra else "",
         {
             ("--spectra",): {"--spectra": spectra or None, "--plan": plan, "--lamp": lamp},
@@ -200,8 +206,9 @@ def calibrate(
         asked = {
             "wavelengths_nm": sorted(set(wavelength_nm or [532.0])),
             "regions": None if regions is None else parse_regions(regions),
-            "parts": tuple(only or ()) or None, "levels": levels, "exposure_ms": exposure_ms, "star": star.star,
-            "dark": star.dark, "star_diameter_um": star.star_um, "star_distance_m": star.star_m,
+            "parts": tuple(only or ()) or None, "levels": levels, "exposure_ms": exposure_ms,
+            "star": star.star, "dark": star.dark,
+            "star_diameter_um": star.star_um, "star_distance_m": star.star_m,
         }  # fmt: skip
     take = kind.write_plan if plan_only else kind.take_and_fit
     take(kind.read_request(asked), out, options.bench_files(), options.run_mode)
@@ -232,22 +239,3 @@ def _calibrate_spectra(
     asked = SpectraOptions(**named, **vars(get_option_group(context, StarOptions)))
     take = write_spectra_plan if plan_only else calibrate_spectra_of_bench
     take(asked, out, options.bench_files(), options.run_mode)
-
-
-def _require_options_of_kind(kind: str, options: dict[tuple[str, ...], dict[str, Any]]) -> None:
-    """Raise UserError for options that mean nothing to a kind of calibration.
-
-    kind: "--camera", "--spectra", or "" for that of panel and lens.
-    options: values of options by the kinds to which they mean something; None for one that isn't
-        given.
-    """
-    for kinds, values in options.items():
-        given = next((name for name, value in values.items() if value is not None), None)
-        if given is None or kind in kinds:
-            continue
-        if kind:
-            raise UserError(f"{given}: means nothing with {kind}. Leave one of the two out.")
-        named = " or ".join(one for one in kinds if one)
-        raise UserError(
-            f"{given}: means something with {named} only. Add {kinds[-1]}, or leave it out."
-        )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from labapp.cli.option_groups import get_option_group
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 
@@ -160,6 +161,24 @@ CameraOption = Annotated[
         help="Camera file or bench file (TOML), like labapp/data/thesis-camera.toml.",
     ),
 ]
+WavelengthOption = Annotated[
+    float, typer.Option(callback=light_in_nanometres, help="Wavelength in nanometres.")
+]
+NeutralPatternOption = Annotated[
+    Path | None,
+    typer.Option(
+        callback=readable_path,
+        help="Pattern on the panel, an 8-bit picture. Default: neutral.",
+    ),
+]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
+PixelNoiseOption = Annotated[
+    float, typer.Option(help="Standard deviation of a pixel's noise, where white is 1.")
+]
+SphereOption = Annotated[
+    bool,
+    typer.Option("--sphere", help="Use a spherical wave of the object instead of a parabola."),
+]
 FieldOption = Annotated[
     str,
     typer.Option(
@@ -251,7 +270,7 @@ class DesignOptions:
     frames: Annotated[
         int, typer.Option(min=1, help="Frames of a video, in numbered .png files or one .h5.")
     ] = 1
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1
+    seed: SeedOption = 1
     size: Annotated[
         int | None, typer.Option(min=16, max=2048, help="Sensor pixels across the predicted PSF.")
     ] = None
@@ -314,13 +333,7 @@ class PictureOptions:
     target: Annotated[
         str | None, typer.Option(help="Target of the scene. Default: its first that isn't dark.")
     ] = None
-    pattern: Annotated[
-        Path | None,
-        typer.Option(
-            callback=readable_path,
-            help="Pattern on the panel, an 8-bit picture. Default: neutral.",
-        ),
-    ] = None
+    pattern: NeutralPatternOption = None
     wavelength_nm: Annotated[
         float | None,
         typer.Option(callback=light_in_nanometres, help="Wavelength of the filter, in nanometres."),
@@ -375,8 +388,30 @@ class RowsOutputOptions:
     ] = None
     force: ForceOption = False
 
-    def require_writable(self) -> None:
-        """Raise UserError if the diagram of --plot can't be written."""
-        from labapp.files.writing import require_all_writable
 
-        require_all_writable((self.plot,), force=self.force)
+def require_writable_rows(context: typer.Context) -> RowsOutputOptions:
+    """Return the output of measured rows; raise UserError if --plot can't be written."""
+    from labapp.files.writing import require_all_writable
+
+    rows = get_option_group(context, RowsOutputOptions)
+    require_all_writable((rows.plot,), force=rows.force)
+    return rows
+
+
+def require_options_of_kind(kind: str, options: dict[tuple[str, ...], dict[str, Any]]) -> None:
+    """Raise UserError for options that mean nothing to the kind of work that is asked for.
+
+    kind: option that chooses the kind, as "--camera"; "" for the usual one.
+    options: values of options by the kinds to which they mean something; None for one that isn't
+        given.
+    """
+    for kinds, values in options.items():
+        given = next((name for name, value in values.items() if value is not None), None)
+        if given is None or kind in kinds:
+            continue
+        if kind:
+            raise UserError(f"{given}: means nothing with {kind}. Leave one of the two out.")
+        named = " or ".join(one for one in kinds if one)
+        raise UserError(
+            f"{given}: means something with {named} only. Add {kinds[-1]}, or leave it out."
+        )

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.shared_options import ForceOption
+from labapp.cli.shared_options import ForceOption, SeedOption
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 
@@ -60,7 +60,7 @@ def denoiser(
         ),
     ] = None,
     minutes: MinutesOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
+    seed: SeedOption = 1,
     device: DeviceOption = "auto",
     force: ForceOption = False,
 ) -> None:
