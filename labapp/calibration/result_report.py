@@ -11,7 +11,6 @@ from labapp.calibration.calibrating import CALIBRATION_FILE, CalibrationResult
 from labapp.common.console import out, print_message, print_table
 from labapp.files.calibration_file import CalibrationFile, RegistrationTable
 
-
 # Limits beyond which advice is given. All are chosen.
 _LEAST_MARGIN = 10.0  # of the information criterion to a fit with another number of waves
 _MOST_PHASE_SIGMA = 0.05  # uncertainty of the phase response, radians

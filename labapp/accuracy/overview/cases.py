@@ -11,8 +11,11 @@ from labapp.files.bench_file import read_camera
 from labapp.files.reading import bundled_path
 from labapp.patterns.designing.kinds import read_psf
 from labapp.prediction.lens_options import LensCase, read_panel
-from labapp.prediction.simulating.picture_request import PictureRequest, prepare_bench_scene
-from labapp.prediction.simulating.small_bench import small_bench_setup
+from labapp.prediction.simulating.picture_request import (
+    PictureRequest,
+    prepare_bench_scene,
+    small_bench_setup,
+)
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens
 from optics.plane import Plane
