@@ -284,7 +284,7 @@ class DesignOptions:
         Raises UserError for options that are wrong, or a pattern that the panel can't show.
         """
         from labapp.files.output_paths import pattern_output_paths
-        from labapp.patterns.designing.design_request import DesignRequest
+        from labapp.patterns.designing.kinds import DesignRequest
 
         if self.out is None:
             raise UserError("there is no --out. Name a .png or .h5 file to write.")
