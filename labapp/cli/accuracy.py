@@ -20,7 +20,7 @@ from labapp.cli.shared_options import (
     RowsOutputOptions,
     SphereOption,
     WavelengthOption,
-    light_in_nanometres,
+    light_option,
     require_writable_rows,
 )
 from labapp.common.errors import UserError
@@ -270,10 +270,7 @@ def accuracy_retrieval_(
         typer.Argument(metavar="[KEY=VALUE]...", help="Keys of the target, as there."),
     ] = None,
     wavelength_nm: Annotated[
-        float,
-        typer.Option(
-            callback=light_in_nanometres, help="Wavelength of the pattern, in nanometres."
-        ),
+        float, light_option("Wavelength of the pattern, in nanometres.")
     ] = 550.0,
     frames: Annotated[
         int, typer.Option(min=1, help="Frames of a video; the mean of their PSFs counts.")

@@ -16,6 +16,7 @@ from labapp.cli.shared_options import (
     PictureOptions,
     PixelNoiseOption,
     RowsOutputOptions,
+    file_option,
     readable_path,
     require_writable_rows,
 )
@@ -47,12 +48,7 @@ def accuracy_deconvolve_(
         ),
     ] = "disk of 7",
     psf: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=readable_path,
-            help="Picture or .npy of a PSF, instead of --blur.",
-        ),
+        Path | None, file_option("Picture or .npy of a PSF, instead of --blur.", metavar="FILE")
     ] = None,
     noise: AddedNoiseOption = 0.01,
     border: Annotated[
@@ -195,11 +191,7 @@ def accuracy_simulate_(
     context: typer.Context,
     bench: Annotated[
         Path | None,
-        typer.Option(
-            callback=readable_path,
-            help="Bench file (TOML).",
-            show_default="the bundled one, with few pixels",
-        ),
+        file_option("Bench file (TOML).", show_default="the bundled one, with few pixels"),
     ] = None,
     json: JsonOption = False,
 ) -> None:

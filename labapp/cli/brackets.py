@@ -14,8 +14,9 @@ from labapp.cli.shared_options import (
     JsonOption,
     ReadoutOption,
     RunOptions,
+    file_option,
     find_encoding,
-    light_in_nanometres,
+    light_option,
     readable_path,
 )
 from labapp.common.errors import UserError
@@ -47,14 +48,10 @@ def bracket(
     target: Annotated[str, typer.Option(help="Target to meter.")] = "star",
     pattern: Annotated[
         Path | None,
-        typer.Option(
-            callback=readable_path,
-            help="Pattern on the panel while metering, an 8-bit picture. Default: neutral.",
-        ),
+        file_option("Pattern on the panel while metering, an 8-bit picture. Default: neutral."),
     ] = None,
     wavelength_nm: Annotated[
-        float,
-        typer.Option(callback=light_in_nanometres, help="Wavelength of the filter, in nanometres."),
+        float, light_option("Wavelength of the filter, in nanometres.")
     ] = 550.0,
     least: Annotated[str, typer.Option(help="What to minimise: time or frames.")] = "time",
     most_frames: Annotated[int, typer.Option(help="Frames at most.")] = 16,
@@ -151,10 +148,7 @@ def merge(
         ),
     ] = None,
     sensor: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", callback=readable_path, help="Sensor file (TOML) that tells the noise."
-        ),
+        Path | None, file_option("Sensor file (TOML) that tells the noise.", metavar="FILE")
     ] = None,
     gain: Annotated[
         float | None,
@@ -185,11 +179,7 @@ def merge(
     ] = None,
     wavelength_nm: Annotated[
         float | None,
-        typer.Option(
-            callback=light_in_nanometres,
-            help="Wavelength of a record in nanometres.",
-            show_default="the only one",
-        ),
+        light_option("Wavelength of a record in nanometres.", show_default="the only one"),
     ] = None,
     readout: ReadoutOption = None,
     encoding: Annotated[

@@ -13,7 +13,7 @@ from labapp.cli.shared_options import (
     RunOptions,
     StarOptions,
     existing_path,
-    light_in_nanometres,
+    light_option,
     require_options_of_kind,
 )
 from labapp.common.errors import UserError
@@ -28,11 +28,10 @@ def calibrate(
     ] = None,
     wavelength_nm: Annotated[
         list[float] | None,
-        typer.Option(
-            callback=light_in_nanometres,
-            metavar="NM",
-            help="Wavelength in nanometres; repeat the option for more.  [532; with --spectra, the "
+        light_option(
+            "Wavelength in nanometres; repeat the option for more.  [532; with --spectra, the "
             "plan's bands]",
+            metavar="NM",
         ),
     ] = None,
     regions: Annotated[

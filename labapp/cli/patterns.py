@@ -20,7 +20,7 @@ from labapp.cli.shared_options import (
     SeedOption,
     StarOptions,
     existing_path,
-    light_in_nanometres,
+    light_option,
 )
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
@@ -112,9 +112,8 @@ def edof(
     ] = 0.0,
     wavelength_nm: Annotated[
         list[float] | None,
-        typer.Option(
-            callback=light_in_nanometres,
-            help="Wavelength in nanometres. Several (the option repeated) make one pattern for "
+        light_option(
+            "Wavelength in nanometres. Several (the option repeated) make one pattern for "
             "all, shown for the first one; the panel's dispersion counts.",
             show_default="520",
         ),

@@ -18,7 +18,7 @@ from labapp.cli.shared_options import (
     NeutralPatternOption,
     SphereOption,
     WavelengthOption,
-    readable_path,
+    file_option,
 )
 from labapp.common.threads import use_one_thread
 
@@ -50,10 +50,7 @@ def psf(
     ] = 10.0,
     pattern: Annotated[
         Path | None,
-        typer.Option(
-            callback=readable_path,
-            help="Pattern on the SLM in front of the lens, an 8-bit picture. Default: neutral.",
-        ),
+        file_option("Pattern on the SLM in front of the lens, an 8-bit picture. Default: neutral."),
     ] = None,
     field: FieldOption = "0,0",
     sphere: SphereOption = False,

@@ -13,7 +13,8 @@ from labapp.cli.shared_options import (
     ForceOption,
     JsonOption,
     ReadoutOption,
-    light_in_nanometres,
+    file_option,
+    light_option,
     readable_path,
     require_options_of_kind,
 )
@@ -35,11 +36,10 @@ def reconstruct(
     ],
     psf: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=readable_path,
-            help="Picture or .npy of the PSF, or a record with a star. With --bands: a cube or "
+        file_option(
+            "Picture or .npy of the PSF, or a record with a star. With --bands: a cube or "
             ".npy of a PSF for each band, or such a record.",
+            metavar="FILE",
             show_default="the star of the record",
         ),
     ] = None,
@@ -99,11 +99,7 @@ def reconstruct(
         typer.Option(help="Pattern of a record.", show_default="the plan's, or the last"),
     ] = None,
     wavelength_nm: Annotated[
-        float | None,
-        typer.Option(
-            callback=light_in_nanometres,
-            help="Wavelength in nanometres, for a record with several.",
-        ),
+        float | None, light_option("Wavelength in nanometres, for a record with several.")
     ] = None,
     frame: Annotated[
         int | None,
@@ -154,10 +150,9 @@ def reconstruct(
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(
+        file_option(
+            "With --bands, PSFs and response by labapp calibrate --spectra.",
             metavar="spectra.json",
-            callback=readable_path,
-            help="With --bands, PSFs and response by labapp calibrate --spectra.",
             show_default="the record's star and white",
         ),
     ] = None,
@@ -197,11 +192,10 @@ def reconstruct(
     ] = None,
     truth: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=readable_path,
-            help="True picture, against which PSNR and SSIM are measured. With --bands: a cube, or "
+        file_option(
+            "True picture, against which PSNR and SSIM are measured. With --bands: a cube, or "
             "a record of the neutral photographs.",
+            metavar="FILE",
         ),
     ] = None,
     force: ForceOption = False,

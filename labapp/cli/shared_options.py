@@ -65,6 +65,16 @@ def find_encoding(word: str | None) -> str | None:
     return None if word is None else parse_encoding(word).name
 
 
+def light_option(words: str, **more: Any) -> Any:
+    """Return an option of wavelengths in nm, which are checked while they are parsed."""
+    return typer.Option(callback=light_in_nanometres, help=words, **more)
+
+
+def file_option(words: str, **more: Any) -> Any:
+    """Return an option of a file, which must be readable."""
+    return typer.Option(callback=readable_path, help=words, **more)
+
+
 EncodingOption = Annotated[
     str | None,
     typer.Option(
@@ -76,10 +86,7 @@ EncodingOption = Annotated[
     ),
 ]
 BenchOption = Annotated[
-    Path | None,
-    typer.Option(
-        callback=readable_path, help="Bench file (TOML). Default: the bundled virtual bench."
-    ),
+    Path | None, file_option("Bench file (TOML). Default: the bundled virtual bench.")
 ]
 SceneOption = Annotated[
     Path | None,
@@ -89,16 +96,10 @@ SceneOption = Annotated[
     ),
 ]
 ImageOption = Annotated[
-    Path | None,
-    typer.Option(
-        callback=readable_path, help="Your photograph (JPEG, PNG, TIFF) for the simulated scene."
-    ),
+    Path | None, file_option("Your photograph (JPEG, PNG, TIFF) for the simulated scene.")
 ]
 FaultsOption = Annotated[
-    Path | None,
-    typer.Option(
-        callback=readable_path, help="Fault file (TOML) with faults of simulated devices."
-    ),
+    Path | None, file_option("Fault file (TOML) with faults of simulated devices.")
 ]
 KeysArgument = Annotated[
     list[str] | None,
@@ -155,21 +156,13 @@ PeersOption = Annotated[
 ]
 CameraOption = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE",
-        callback=readable_path,
-        help="Camera file or bench file (TOML), like labapp/data/thesis-camera.toml.",
+    file_option(
+        "Camera file or bench file (TOML), like labapp/data/thesis-camera.toml.", metavar="FILE"
     ),
 ]
-WavelengthOption = Annotated[
-    float, typer.Option(callback=light_in_nanometres, help="Wavelength in nanometres.")
-]
+WavelengthOption = Annotated[float, light_option("Wavelength in nanometres.")]
 NeutralPatternOption = Annotated[
-    Path | None,
-    typer.Option(
-        callback=readable_path,
-        help="Pattern on the panel, an 8-bit picture. Default: neutral.",
-    ),
+    Path | None, file_option("Pattern on the panel, an 8-bit picture. Default: neutral.")
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 PixelNoiseOption = Annotated[
@@ -261,11 +254,7 @@ class DesignOptions:
         ),
     ] = None
     wavelength_nm: Annotated[
-        float,
-        typer.Option(
-            callback=light_in_nanometres,
-            help="Wavelength of pattern and predicted PSF, in nanometres.",
-        ),
+        float, light_option("Wavelength of pattern and predicted PSF, in nanometres.")
     ] = 550.0
     frames: Annotated[
         int, typer.Option(min=1, help="Frames of a video, in numbered .png files or one .h5.")
@@ -335,8 +324,7 @@ class PictureOptions:
     ] = None
     pattern: NeutralPatternOption = None
     wavelength_nm: Annotated[
-        float | None,
-        typer.Option(callback=light_in_nanometres, help="Wavelength of the filter, in nanometres."),
+        float | None, light_option("Wavelength of the filter, in nanometres.")
     ] = None
     exposure_ms: Annotated[
         float | None,
