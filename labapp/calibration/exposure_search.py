@@ -80,6 +80,14 @@ def trial_plan(
     )
 
 
+def take_trials(
+    bench: Bench, plan: PlanFile, path: Path, progress: Progress, ask: AskOperator | None
+) -> None:
+    """Take the frames of a plan of trials, into a record that may be there already."""
+    attendance = Attendance(progress=progress, ask=ask)
+    require_complete(run_plan(bench, plan, path, attendance, source="trial", force=True))
+
+
 @dataclass(frozen=True)
 class TrialFrame:
     """A trial frame of the neutral star. exposure: seconds."""
@@ -127,11 +135,10 @@ def find_exposures(
         part = progress.part(number / _MOST_TRIALS, (number + 1) / _MOST_TRIALS)
         title = f"Trial of the exposure, {nm:g} nm"
         plan = trial_plan(title, NEUTRAL_NAME, {(request.star, nm): wanted})
-        outcome = run_plan(
-            bench, plan, path, Attendance(progress=part, ask=ask), source="trial", force=True
-        )
-        require_complete(outcome)
-        trials += _read_trials(path)
+        take_trials(bench, plan, path, part, ask)
+        with Record(path) as record:
+            times = record.column("exposure").tolist()
+            trials += [TrialFrame(time, record.image(index)) for index, time in enumerate(times)]
         answer = evaluate_trials(trials, camera)
         if isinstance(answer, StarExposure):
             progress.report(1.0, f"exposure, {nm:g} nm")
@@ -142,15 +149,6 @@ def find_exposures(
         f"no exposure of the neutral star is right at {nm:g} nm; tried {tried} ms. Check that the "
         "lamp is steady, or give --exposure-ms."
     )
-
-
-def _read_trials(path: Path) -> list[TrialFrame]:
-    with Record(path) as record:
-        exposures = record.column("exposure")
-        return [
-            TrialFrame(float(exposures[index]), np.asarray(record.image(index)))
-            for index in range(record.frame_count)
-        ]
 
 
 def evaluate_trials(

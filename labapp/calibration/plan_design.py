@@ -78,13 +78,19 @@ def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...
     high = np.append(spread.round().astype(int), top)
     quarter = max(1, round(top * (math.pi / 2) / reach))
     low = np.where(np.arange(frames) % 2 == 1, quarter, 0)
-    # Neighbouring levels are shown far apart in time, so that a drift of the lamp appears as
-    # scatter and not as a phase.
-    stride = round(0.382 * frames)
-    while math.gcd(stride, frames) > 1:
-        stride += 1
-    order = (np.arange(frames) * stride) % frames
+    order = spread_order(frames)
     return tuple(low[order].tolist()), tuple(high[order].tolist())
+
+
+def spread_order(count: int) -> list[int]:
+    """Return an order of numbers in which neighbours are far apart in time.
+
+    A drift of the lamp then appears as scatter, and not as a bend of what is fitted.
+    """
+    stride = max(1, round(0.382 * count))
+    while math.gcd(stride, count) > 1:
+        stride += 1
+    return [n * stride % count for n in range(count)]
 
 
 def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:

@@ -21,6 +21,7 @@ from labapp.cli.shared_options import (
     StarOptions,
     existing_path,
     light_option,
+    require_one_length,
 )
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
@@ -207,8 +208,7 @@ def edof(
     from labapp.edof.design_request import EdofRequest
     from labapp.files.output_paths import edof_output_paths
 
-    if minutes is not None and steps is not None:
-        raise UserError("--minutes and --steps: give one of them.")
+    require_one_length(steps, minutes)
     known = decoder == "known"
     request = EdofRequest(
         bench,

@@ -386,6 +386,12 @@ def require_writable_rows(context: typer.Context) -> RowsOutputOptions:
     return rows
 
 
+def require_one_length(steps: int | None, minutes: float | None) -> None:
+    """Raise UserError if both a number of steps and of minutes are given."""
+    if steps is not None and minutes is not None:
+        raise UserError("--minutes and --steps: give one of them.")
+
+
 def require_options_of_kind(kind: str, options: dict[tuple[str, ...], dict[str, Any]]) -> None:
     """Raise UserError for options that mean nothing to the kind of work that is asked for.
 

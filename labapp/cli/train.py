@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.shared_options import ForceOption, SeedOption
-from labapp.common.errors import UserError
+from labapp.cli.shared_options import ForceOption, SeedOption, require_one_length
 from labapp.common.threads import use_one_thread
 
 train_app = typer.Typer(
@@ -34,12 +33,6 @@ MinutesOption = Annotated[
         show_default=False,
     ),
 ]
-
-
-def require_one_length(steps: int | None, minutes: float | None) -> None:
-    """Raise UserError if both a number of steps and of minutes are given."""
-    if steps is not None and minutes is not None:
-        raise UserError("--minutes and --steps: give one of them.")
 
 
 @train_app.command()

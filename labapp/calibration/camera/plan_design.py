@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from typing import Annotated, Any
 
 from pydantic import Field
 
+from labapp.calibration.plan_design import spread_order
+from labapp.calibration.request import NEUTRAL_NAME
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.quantities import Amount, Nanometres, Positive, exposure_in_ms
@@ -19,14 +20,8 @@ from optics.measuring.paired_frames import MIN_EXPOSURES
 _REQUEST_KEY = "camera_request"
 """Key of a plan's metadata under which the request is stored as JSON."""
 
-NEUTRAL_NAME = "neutral"
-"""Name of the pattern through which frames are taken."""
-
 _DARK_SHARES = (0.25, 0.5, 0.75, 1.0)
 """Exposures of darkness alone, in shares of the longest: a line needs several. Chosen."""
-
-_GOLDEN = 0.382
-"""Share of all exposures between one and the next: a lamp's drift isn't taken for a bend then."""
 
 
 class CameraRequest(FileModel):
@@ -85,10 +80,7 @@ def light_exposures(request: CameraRequest, sensor: Sensor) -> list[float]:
             f"{count} exposures up to {longest:g} ms are less than a microsecond apart. Dim the "
             "light, or give fewer --exposures."
         )
-    stride = max(1, round(_GOLDEN * count))
-    while math.gcd(stride, count) > 1:
-        stride += 1
-    return [evenly[n * stride % count] for n in range(count)]
+    return [evenly[n] for n in spread_order(count)]
 
 
 def build_camera_plan(request: CameraRequest, sensor: Sensor) -> PlanFile:
