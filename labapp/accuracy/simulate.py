@@ -17,8 +17,8 @@ from labapp.prediction.simulating.picture_request import (
     PictureRequest,
     prepare_bench_scene,
     prepare_scene,
+    small_bench_setup,
 )
-from labapp.prediction.simulating.small_bench import small_bench_setup
 from optics.progress import Progress
 from optics.threads import single_threaded
 from simulator.situation import Situation

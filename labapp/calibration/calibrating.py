@@ -2,42 +2,42 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
-import numpy as np
-
+import labapp
 from labapp.bench.opening import Bench
 from labapp.bench.star_target import require_star_target
 from labapp.calibration import plan_design
-from labapp.calibration.calibration_tables import build_calibration_file
-from labapp.calibration.exposure_search import (
-    StarExposure,
-    TrialFrame,
-    derive_exposures,
-    evaluate_trials,
-    first_bracket,
-    nominal_star_width,
-)
-from labapp.calibration.fitting import CalibrationFits, fit_calibration
-from labapp.calibration.request import NEUTRAL_NAME, CalibrationExposures, CalibrationRequest
-from labapp.calibration.trial_exposures import trial_plan
+from labapp.calibration.exposure_search import find_exposures, requested_exposures
+from labapp.calibration.fitting import CalibrationFits, RegionFit, fit_calibration
+from labapp.calibration.request import CalibrationExposures, CalibrationRequest
 from labapp.common.errors import UserError
-from labapp.files.calibration_file import CalibrationFile, calibration_to_json
+from labapp.files.calibration_file import (
+    CalibrationFile,
+    CurveTable,
+    DeviceIdentityTable,
+    MeasuredResponseTable,
+    RegistrationTable,
+    WavefrontTable,
+    ZerothOrderTable,
+    calibration_to_json,
+)
 from labapp.files.plan_file import PlanFile
-from labapp.files.plan_folder import PATTERN_FOLDER, PLAN_FILE, RECORD_FILE, write_plan
-from labapp.files.writing import make_folder, require_free_names, write_atomically
-from labapp.runs.acquisition.attendance import AskOperator, Attendance
-from labapp.runs.acquisition.runner import RunOutcome, run_plan
+from labapp.files.plan_folder import PATTERN_FOLDER, RECORD_FILE, write_plan
+from labapp.files.writing import make_folder, write_atomically
+from labapp.runs.acquisition.attendance import AskOperator
 from labapp.runs.record.reader import Record
-from labapp.runs.run_commands import require_complete, run_written_plan
+from labapp.runs.run_commands import run_written_plan
 from optics.camera import Camera
+from optics.measuring.registration import Registration
+from optics.measuring.wavefront import WavefrontFit
+from optics.measuring.zeroth_order import ZerothOrder
 from optics.progress import Progress
 
 CALIBRATION_FILE, PICTURE_FILE = "calibration.json", "calibration.png"
-
-_MOST_TRIALS = 4
-"""Most rounds of trial exposures at a wavelength; chosen."""
 
 _TRIAL_SHARE, _RUN_SHARE = 0.1, 0.8
 """Shares of the progress that are reached after the trials and after the run."""
@@ -66,26 +66,22 @@ def calibrate(
     UserError that says what is wrong at the bench, and Cancelled if the progress was cancelled.
     """
     progress = progress or Progress()
-    require_free_names(
-        folder, (PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE), force=force
-    )
     request = complete_request(request, bench)
     make_folder(folder)
     # The bench's calibration is used if it has one, because it improves the gratings.
-    camera = bench.description
     exposures = []
     count = len(request.wavelengths_nm)
     for number, nm in enumerate(request.wavelengths_nm):
         part = progress.part(_TRIAL_SHARE * number / count, _TRIAL_SHARE * (number + 1) / count)
-        exposures.append(_find_exposures(bench, camera, request, nm, folder, part, ask))
-    plan = write_calibration_plan(camera, request, tuple(exposures), folder)
+        exposures.append(find_exposures(bench, request, nm, folder, part, ask))
+    plan = _write_calibration_plan(bench.description, request, tuple(exposures), folder)
     run_written_plan(
         bench, plan, folder, force=force, progress=progress.part(_TRIAL_SHARE, _RUN_SHARE), ask=ask
     )
     return fit_and_write(folder / RECORD_FILE, progress.part(_RUN_SHARE, 1.0))
 
 
-def write_calibration_plan(
+def _write_calibration_plan(
     camera: Camera,
     request: CalibrationRequest,
     exposures: tuple[CalibrationExposures, ...],
@@ -99,11 +95,8 @@ def write_calibration_plan(
     return plan
 
 
-def prepare_plan_only(
-    bench: Bench, request: CalibrationRequest, folder: Path, *, force: bool = False
-) -> PlanFile:
+def prepare_plan_only(bench: Bench, request: CalibrationRequest, folder: Path) -> PlanFile:
     """Write plan and patterns for a later run; UserError without an exposure."""
-    require_free_names(folder, (PLAN_FILE,), force=force)
     if request.exposure_ms is None:
         raise UserError(
             "--plan-only takes no pictures, and can't find the exposure by trial. Give "
@@ -112,8 +105,8 @@ def prepare_plan_only(
     request = complete_request(request, bench)
     make_folder(folder)
     camera = bench.description
-    exposures = [_requested_exposures(camera, request, nm) for nm in request.wavelengths_nm]
-    return write_calibration_plan(camera, request, tuple(exposures), folder)
+    exposures = [requested_exposures(camera, request, nm) for nm in request.wavelengths_nm]
+    return _write_calibration_plan(camera, request, tuple(exposures), folder)
 
 
 def fit_and_write(record: Path, progress: Progress | None = None) -> CalibrationResult:
@@ -151,54 +144,102 @@ def complete_request(request: CalibrationRequest, bench: Bench) -> CalibrationRe
     return filled
 
 
-def _requested_exposures(
-    camera: Camera, request: CalibrationRequest, nm: float
-) -> CalibrationExposures:
-    assert request.exposure_ms is not None
-    found = StarExposure(request.exposure_ms * 1e-3, nominal_star_width(camera, nm))
-    return derive_exposures(camera, request, nm, found, 0)
-
-
-def _find_exposures(
-    bench: Bench,
-    camera: Camera,
-    request: CalibrationRequest,
-    nm: float,
-    folder: Path,
-    progress: Progress,
-    ask: AskOperator | None,
-) -> CalibrationExposures:
-    """Find the exposures at one wavelength by trial, unless the request gives one."""
-    if request.exposure_ms is not None:
-        return _requested_exposures(camera, request, nm)
-    trials: list[TrialFrame] = []
-    wanted = first_bracket(camera)
-    for number in range(_MOST_TRIALS):
-        path = folder / f"trial-{nm:g}-{number + 1}.h5"
-        part = progress.part(number / _MOST_TRIALS, (number + 1) / _MOST_TRIALS)
-        title = f"Trial of the exposure, {nm:g} nm"
-        plan = trial_plan(title, NEUTRAL_NAME, {(request.star, nm): wanted})
-        outcome = run_plan(
-            bench, plan, path, Attendance(progress=part, ask=ask), source="trial", force=True
+def build_calibration_file(fits: CalibrationFits) -> CalibrationFile:
+    """Build the file's content; date, devices and bench come from the run's record."""
+    with Record(fits.path) as record:
+        bench = record.bench.model_dump(mode="json")
+        trials = sum(exposures.trials for exposures in fits.design.exposures)
+        return CalibrationFile(
+            version=1,
+            date=datetime.fromisoformat(record.text("start_time")),
+            bench=record.bench.name,
+            record=fits.path.name,
+            frames=record.frame_count + trials,
+            software=f"labapp {labapp.__version__}",
+            devices={
+                name: DeviceIdentityTable(**device) for name, device in record.devices.items()
+            },
+            panel=bench["panel"],
+            lens=bench["lens"],
+            sensor=bench["sensor"],
+            polarisation=bench["polarisation"],
+            registrations=tuple(
+                _registration_table(nm, found, fits) for nm, found in fits.registrations.items()
+            ),
+            responses=tuple(
+                _response_table(nm, regions, fits) for nm, regions in fits.responses.items()
+            ),
+            wavefront=_wavefront_table(fits.wavefront, fits.design.reference_nm)
+            if fits.wavefront
+            else None,
+            zeroth=tuple(_zeroth_table(nm, found) for nm, found in fits.zeroth.items()),
         )
-        require_complete(outcome)
-        trials += _trials(outcome)
-        answer = evaluate_trials(trials, camera)
-        if isinstance(answer, StarExposure):
-            progress.report(1.0, f"exposure, {nm:g} nm")
-            return derive_exposures(camera, request, nm, answer, len(trials))
-        wanted = answer
-    tried = ", ".join(f"{trial.exposure * 1e3:g}" for trial in trials)
-    raise UserError(
-        f"no exposure of the neutral star is right at {nm:g} nm; tried {tried} ms. Check that the "
-        "lamp is steady, or give --exposure-ms."
+
+
+def _registration_table(nm: float, found: Registration, fits: CalibrationFits) -> RegistrationTable:
+    camera, parts = fits.camera, found.parts
+    scale = (parts.scale[0] * parts.scale[1]) ** 0.5
+    distance = scale * camera.sensor.pitch * camera.panel.pitch / (nm * 1e-9)
+    return RegistrationTable(
+        wavelength_nm=nm,
+        centre_px=found.centre,
+        matrix_px=found.matrix.tolist(),
+        covariance_px2=found.covariance.tolist(),
+        uncertainty_px=found.field_uncertainty(camera.sensor.shape),
+        residual_px=found.residual,
+        shift_px=found.shift,
+        spots=int(found.inliers.sum()),
+        outliers=int((~found.inliers).sum()),
+        flip=parts.flip,
+        rotation_deg=math.degrees(parts.rotation),
+        shear=parts.shear,
+        image_distance_mm=distance * 1e3,
     )
 
 
-def _trials(outcome: RunOutcome) -> list[TrialFrame]:
-    with Record(outcome.path) as record:
-        exposures = record.column("exposure")
-        return [
-            TrialFrame(float(exposures[index]), np.asarray(record.image(index)))
-            for index in range(record.frame_count)
-        ]
+def _response_table(
+    nm: float, regions: list[RegionFit], fits: CalibrationFits
+) -> MeasuredResponseTable:
+    # Phases are rounded to a tenth of a milliradian.
+    digits = 4
+    curves = tuple(
+        CurveTable(
+            phase_rad=tuple(round(float(p), digits) for p in region.fit.phase),
+            sigma_rad=tuple(round(float(s), digits) for s in region.fit.sigma),
+            residual=region.fit.residual,
+            chi2=region.fit.chi2,
+            blur_px=region.fit.blur,
+            ripple=region.fit.ripple,
+            frames=len(region.sweep.light),
+            outliers=int((~region.fit.inliers).sum()) + region.clipped_frames,
+        )
+        for region in regions
+    )
+    return MeasuredResponseTable(
+        wavelength_nm=nm, regions=fits.design.request.regions, curves=curves
+    )
+
+
+def _wavefront_table(found: WavefrontFit, nm: float) -> WavefrontTable:
+    vergence, sigma = found.vergence
+    return WavefrontTable(
+        wavelength_nm=nm,
+        terms=found.terms,
+        path_nm=(found.coefficients * 1e9).tolist(),
+        covariance_nm2=(found.covariance * 1e18).tolist(),
+        radius_mm=found.radius * 1e3,
+        rms_nm=found.rms * 1e9,
+        sigma_nm=found.sigma * 1e9,
+        focus_dioptres=vergence,
+        focus_sigma_dioptres=sigma,
+        residual=found.residual,
+        chi2=found.chi2,
+    )
+
+
+def _zeroth_table(nm: float, found: ZerothOrder) -> ZerothOrderTable:
+    # Noise can make the estimate of a small share slightly negative.
+    share = min(max(found.share, 0.0), 1.0)
+    return ZerothOrderTable(
+        wavelength_nm=nm, share=share, sigma=found.sigma, frames=len(found.by_frame)
+    )

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.calibration import request as names
-from labapp.calibration.request import CalibrationDesign
+from labapp.calibration.request import DESIGN_KEY, CalibrationDesign
 from labapp.common.errors import UserError
 from labapp.common.plain_text import shell_word
 from labapp.files.plain_data import parse_json
@@ -39,7 +38,7 @@ class CalibrationFrames:
     @staticmethod
     def of(record: Record) -> CalibrationFrames:
         """Read a record's design; raise UserError if it is of another kind or incomplete."""
-        text = record.plan.metadata.get(names.DESIGN_KEY)
+        text = record.plan.metadata.get(DESIGN_KEY)
         if not isinstance(text, str):
             raise UserError(
                 f"{record.path}: is no record of a calibration. Give one that "
@@ -50,7 +49,8 @@ class CalibrationFrames:
                 f"{record.path}: the run is {record.state}, and a calibration needs all of its "
                 f"frames. Take them with: labapp resume {shell_word(record.path)}"
             )
-        design = validate_design(text, str(record.path))
+        source = f"{record.path}: {DESIGN_KEY}"
+        design = validate(parse_json(text, source), CalibrationDesign, source)
         camera = record.camera
         require_monochrome_sensor(camera.sensor, "labapp calibrate")
         return CalibrationFrames(record, design, camera)
@@ -67,21 +67,13 @@ class CalibrationFrames:
             )
         return np.stack([self.record.image(index) for index in indices])
 
-    def sweep_frames(self, wavelength_nm: float) -> list[NDArray[np.uint16]]:
-        """Return the frames of the grey-level sweep, in the order of the design."""
-        levels = zip(self.design.low, self.design.high, strict=True)
-        return [
-            self.raw_frames(names.stripes_pattern_name(low, high), wavelength_nm)[0]
-            for low, high in levels
-        ]
-
-    def mean_dark_frame(self, wavelength_nm: float, exposure_ms: float) -> Array:
-        """Average the dark frames of an exposure, (rows, columns), DN.
+    def mean_dark_frame(self, wavelength_nm: float, exposure_ms: float | None = None) -> Array:
+        """Average the dark frames of an exposure, by default the star's, (rows, columns), DN.
 
         If there are none, the frame is computed from the sensor's black level and dark current.
         """
         dark = self.design.request.dark
-        exposure = exposure_from_ms(exposure_ms)
+        exposure = exposure_from_ms(exposure_ms or self.design.exposures_at(wavelength_nm).full_ms)
         indices = self._select_frames(wavelength_nm, target=dark, exposure_asked=exposure)
         if not indices:
             sensor = self.camera.sensor
@@ -123,9 +115,3 @@ class CalibrationFrames:
     @cached_property
     def _wavelengths(self) -> Array:
         return self.record.column("wavelength_asked")
-
-
-def validate_design(text: str, source: str) -> CalibrationDesign:
-    """Parse a design from JSON; raise UserError if the text isn't one."""
-    source = f"{source}: {names.DESIGN_KEY}"
-    return validate(parse_json(text, source), CalibrationDesign, source)

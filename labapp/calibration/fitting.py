@@ -11,9 +11,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.calibration import request as names
 from labapp.calibration.calibration_frames import CalibrationFrames
-from labapp.calibration.request import CalibrationDesign
+from labapp.calibration.request import NEUTRAL_NAME, CalibrationDesign
 from labapp.common.errors import UserError
 from labapp.runs.record.reader import Record
 from optics.camera import Camera
@@ -118,25 +117,24 @@ def _fit_wavelength(
     frames: CalibrationFrames, nm: float, fits: CalibrationFits, progress: Progress
 ) -> None:
     """Fit registration, responses and zeroth order at one wavelength."""
-    request = frames.design.request
+    request, path = frames.design.request, fits.path
     progress.report(0.0, f"registration, {nm:g} nm")
-    with _raise_user_errors(frames.record.path, f"registration at {nm:g} nm"):
+    with _raise_user_errors(path, f"registration at {nm:g} nm"):
         fits.registrations[nm] = _fit_registration(frames, nm)
     if request.includes("response"):
-        with _raise_user_errors(frames.record.path, f"response at {nm:g} nm"):
-            regions = _fit_responses(frames, nm, fits.registrations[nm], progress)
-            fits.responses[nm] = regions
+        with _raise_user_errors(path, f"response at {nm:g} nm"):
+            fits.responses[nm] = _fit_responses(frames, nm, fits.registrations[nm], progress)
     if request.includes("zeroth"):
-        with _raise_user_errors(frames.record.path, f"zeroth order at {nm:g} nm"):
+        with _raise_user_errors(path, f"zeroth order at {nm:g} nm"):
             fits.zeroth[nm] = _fit_zeroth_order(frames, nm, fits)
 
 
 def _fit_registration(frames: CalibrationFrames, nm: float) -> Registration:
     """Fit the registration to the steering gratings' spots and the neutral star."""
-    dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
-    neutral, variance = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
+    dark = frames.mean_dark_frame(nm)
+    neutral, variance = frames.mean_light(NEUTRAL_NAME, nm, dark)
     hot = frames.hot_pixels(dark)
-    clipped = frames.clipped_pixels(names.NEUTRAL_NAME, nm) & ~hot
+    clipped = frames.clipped_pixels(NEUTRAL_NAME, nm) & ~hot
     if clipped.any():
         raise ValueError(
             f"{int(clipped.sum())} pixels of the neutral star are clipped; expose it shorter "
@@ -147,8 +145,8 @@ def _fit_registration(frames: CalibrationFrames, nm: float) -> Registration:
     # Steered spots aren't searched within 12 pixels of the zeroth order.
     near = np.hypot(y - centre.y, x - centre.x) < 12
     spots = [centre]
-    for number in range(len(frames.design.compass)):
-        steered, noise = frames.mean_light(names.steering_pattern_name(nm, number), nm, dark)
+    for name in frames.design.steering_names(nm):
+        steered, noise = frames.mean_light(name, nm, dark)
         light = np.where(hot, 0.0, steered - neutral)
         spots.append(find_spot(light, noise + variance, excluded=near | hot))
     vectors = np.array([(0.0, 0.0), *frames.design.compass])
@@ -164,7 +162,7 @@ def _fit_responses(
     cells = (panel.shape[0] // regions[0], panel.shape[1] // regions[1])
     vectors = np.array(design.vectors)
     gathered = measure_first_orders(
-        frames.sweep_frames(nm),
+        [frames.raw_frames(name, nm)[0] for name in design.sweep_names],
         frames.mean_dark_frame(nm, design.exposures_at(nm).sweep_ms),
         registration,
         vectors,
@@ -195,8 +193,8 @@ def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFit
     This light lies in the zeroth order. The light that the gratings themselves leave there is
     computed from the fitted response, and subtracted.
     """
-    dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
-    neutral, _ = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
+    dark = frames.mean_dark_frame(nm)
+    neutral, _ = frames.mean_light(NEUTRAL_NAME, nm, dark)
     # The coupling is included, because it matters most at the jumps of a blazed grating.
     panel = replace(
         fits.calibrated_camera.panel,
@@ -206,15 +204,14 @@ def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFit
     )
     modulator = Modulator(panel, nm * 1e-9)
     steered, noises, expected = [], [], []
-    for number in range(len(frames.design.compass)):
-        name = names.steering_pattern_name(nm, number)
+    for name in frames.design.steering_names(nm):
         light, noise = frames.mean_light(name, nm, dark)
         grey = torch.from_numpy(frames.record.pattern(name))
         steered.append(light)
         noises.append(noise)
         modulation = modulator.modulation_of_grey(grey, dtype=torch.float64)
         expected.append(zeroth_order_share(modulation.numpy()))
-    usable = ~(frames.hot_pixels(dark) | frames.clipped_pixels(names.NEUTRAL_NAME, nm))
+    usable = ~(frames.hot_pixels(dark) | frames.clipped_pixels(NEUTRAL_NAME, nm))
     centre = fits.registrations[nm].centre
     return measure_zeroth_order(neutral, steered, noises, expected, centre, usable)
 
@@ -224,10 +221,7 @@ def _fit_wavefront(frames: CalibrationFrames, fits: CalibrationFits, progress: P
     nm = design.reference_nm
     if request.star_diameter_um is None or request.star_distance_m is None:
         raise ValueError("the star's size and distance aren't known (--star-um, --star-m)")
-    shown = [
-        names.NEUTRAL_NAME,
-        *(names.defocus_pattern_name(nm, k) for k in range(len(design.defocus_waves))),
-    ]
+    shown = [NEUTRAL_NAME, *design.defocus_names]
     registration = fits.registrations[nm]
     corner, shape = _window(registration.centre, frames.camera.sensor.shape)
     part = tuple(slice(c, c + n) for c, n in zip(corner, shape, strict=True))
@@ -267,7 +261,7 @@ def _window(
 def _star_pictures(
     frames: CalibrationFrames, shown: Sequence[str], nm: float, part: tuple[slice, ...]
 ) -> StarPictures:
-    dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
+    dark = frames.mean_dark_frame(nm)
     hot = frames.hot_pixels(dark)
     lights, variances, usable = [], [], []
     for name in shown:

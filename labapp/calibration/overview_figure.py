@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from scipy import ndimage
 
-from labapp.calibration import request as names
 from labapp.calibration.calibration_frames import CalibrationFrames
 from labapp.calibration.fitting import CalibrationFits, RegionFit
+from labapp.calibration.request import NEUTRAL_NAME
 from labapp.files.calibration_file import CalibrationFile
 from labapp.runs.record.reader import Record
 from optics.camera.pupil import pupil_amplitude
@@ -59,25 +59,19 @@ def _wavelength_row(
 def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm: float) -> None:
     """Draw the steered spots in one picture, with the registration's residuals and grid."""
     found, design = fits.registrations[nm], fits.design
-    dark = frames.mean_dark_frame(nm, design.exposures_at(nm).full_ms)
-    shown = [
-        names.NEUTRAL_NAME,
-        *(names.steering_pattern_name(nm, k) for k in range(len(design.compass))),
-    ]
+    dark = frames.mean_dark_frame(nm)
+    shown = [NEUTRAL_NAME, *design.steering_names(nm)]
     seen = np.max([frames.mean_light(name, nm, dark)[0] for name in shown], axis=0)
     # Spots of a few pixels are enlarged, because they would be invisible in the whole frame.
     seen = ndimage.grey_dilation(np.where(frames.hot_pixels(dark), 0.0, seen), (3, 3))
-    peak = float(seen.max())
-    logarithm = np.log10(np.clip(seen / peak, 1e-3, 1))
+    logarithm = np.log10(np.clip(seen / float(seen.max()), 1e-3, 1))
     axes.imshow(logarithm, cmap="magma", interpolation="nearest")
     reach = max(math.hypot(*vector) for vector in design.compass)
-    lines = np.linspace(-reach, reach, 9)
-    for k in lines:
+    for k in np.linspace(-reach, reach, 9):
         for ends in (((k, -reach), (k, reach)), ((-reach, k), (reach, k))):
             line = found.to_pixels(np.array(ends))
             axes.plot(line[:, 1], line[:, 0], color="white", alpha=0.25, linewidth=0.6)
-    vectors = np.array([(0.0, 0.0), *design.compass])
-    places = found.to_pixels(vectors)
+    places = found.to_pixels(np.array([(0.0, 0.0), *design.compass]))
     # The arrows show the registration's residuals, enlarged.
     arrow_scale = 200.0
     away = found.residuals * arrow_scale
@@ -86,18 +80,10 @@ def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm
     if not good.all():
         axes.plot(places[~good, 1], places[~good, 0], "rx", ms=9, label="outlier")
     axes.quiver(
-        places[:, 1],
-        places[:, 0],
-        away[:, 1],
-        away[:, 0],
-        angles="xy",
-        scale_units="xy",
-        scale=1,
-        color="lime",
-        width=0.004,
-    )
-    axes.set_xlim(-0.5, seen.shape[1] - 0.5)
-    axes.set_ylim(seen.shape[0] - 0.5, -0.5)
+        places[:, 1], places[:, 0], away[:, 1], away[:, 0],
+        angles="xy", scale_units="xy", scale=1, color="lime", width=0.004,
+    )  # fmt: skip
+    axes.set(xlim=(-0.5, seen.shape[1] - 0.5), ylim=(seen.shape[0] - 0.5, -0.5))
     parts = found.parts
     axes.set_title(
         f"{nm:g} nm: flip {parts.flip}, {math.degrees(parts.rotation):+.2f}°; residual "
@@ -119,8 +105,7 @@ def _draw_curves(axes: Axes, fits: CalibrationFits, regions: list[RegionFit], nm
     if fits.camera.panel.response is None:
         table = grey_to_phase(panel, torch.arange(panel.levels), nm * 1e-9).numpy()
         axes.plot(levels, table / math.pi, "k--", linewidth=0.8, label="description")
-    axes.set_xlabel("grey level")
-    axes.set_ylabel("phase, π")
+    axes.set(xlabel="grey level", ylabel="phase, π")
     worst = max(float(region.fit.sigma.max()) for region in regions)
     axes.set_title(f"Phase response; 1σ at most {worst:.3f} rad", fontsize=10)
     axes.grid(alpha=0.3)
@@ -138,14 +123,9 @@ def _draw_light(axes: Axes, below: Axes, regions: list[RegionFit]) -> None:
         axes.plot(step[fit.inliers] / math.pi, share[fit.inliers], ".", color=colour)
         axes.plot(step[~fit.inliers] / math.pi, share[~fit.inliers], "x", color=colour)
         below.errorbar(
-            step / math.pi,
-            100 * residual,
-            100 * sweep.noise / fit.swing,
-            fmt=".",
-            color=colour,
-            linewidth=0.7,
-            markersize=3,
-        )
+            step / math.pi, 100 * residual, 100 * sweep.noise / fit.swing,
+            fmt=".", color=colour, linewidth=0.7, markersize=3,
+        )  # fmt: skip
         fine = np.linspace(float(step.min()), float(step.max()), 400)
         expected = sweep.law(fine, fit.blur**2, fit.ripple**2) + fit.ghost * np.sin(fine)
         axes.plot(fine / math.pi, expected, color=colour, linewidth=0.7)
@@ -158,8 +138,7 @@ def _draw_light(axes: Axes, below: Axes, regions: list[RegionFit]) -> None:
     axes.grid(alpha=0.3)
     axes.tick_params(labelbottom=False)
     below.axhline(0, color="k", linewidth=0.6)
-    below.set_ylabel("residual, %")
-    below.set_xlabel("fitted step between the stripes, π")
+    below.set(xlabel="fitted step between the stripes, π", ylabel="residual, %")
     below.grid(alpha=0.3)
 
 

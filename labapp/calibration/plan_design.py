@@ -9,8 +9,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.calibration import request as names
-from labapp.calibration.request import CalibrationDesign, CalibrationExposures, CalibrationRequest
+from labapp.calibration.request import (
+    DESIGN_KEY,
+    NEUTRAL_NAME,
+    CalibrationDesign,
+    CalibrationExposures,
+    CalibrationRequest,
+)
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from optics.camera import Camera
@@ -73,32 +78,34 @@ def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...
     high = np.append(spread.round().astype(int), top)
     quarter = max(1, round(top * (math.pi / 2) / reach))
     low = np.where(np.arange(frames) % 2 == 1, quarter, 0)
-    # Neighbouring levels are shown far apart in time, so that a drift of the lamp appears as
-    # scatter and not as a phase.
-    stride = round(0.382 * frames)
-    while math.gcd(stride, frames) > 1:
-        stride += 1
-    order = (np.arange(frames) * stride) % frames
+    order = spread_order(frames)
     return tuple(low[order].tolist()), tuple(high[order].tolist())
+
+
+def spread_order(count: int) -> list[int]:
+    """Return an order of numbers in which neighbours are far apart in time.
+
+    A drift of the lamp then appears as scatter, and not as a bend of what is fitted.
+    """
+    stride = max(1, round(0.382 * count))
+    while math.gcd(stride, count) > 1:
+        stride += 1
+    return [n * stride % count for n in range(count)]
 
 
 def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
     """Compute the grey levels, (rows, columns), of every pattern by its name."""
     panel = camera.panel
-    shown: Patterns = {names.NEUTRAL_NAME: np.zeros(panel.shape, dtype=np.uint8)}
+    shown: Patterns = {NEUTRAL_NAME: np.zeros(panel.shape, dtype=np.uint8)}
     for nm in design.request.wavelengths_nm:
-        for number, vector in enumerate(design.compass):
+        for name, vector in zip(design.steering_names(nm), design.compass, strict=True):
             phase = torch.from_numpy(blazed_grating_phase(panel.shape, vector))
-            shown[names.steering_pattern_name(nm, number)] = phase_to_grey(
-                panel, phase, nm * 1e-9
-            ).numpy()
-    nm = design.reference_nm
-    for number, waves in enumerate(design.defocus_waves):
-        shown[names.defocus_pattern_name(nm, number)] = _defocus_pattern(camera, waves, nm * 1e-9)
-    vectors = np.array(design.vectors)
-    for low, high in zip(design.low, design.high, strict=True):
-        grey = stripe_pattern(panel.shape, design.request.regions, vectors, low, high)
-        shown[names.stripes_pattern_name(low, high)] = grey
+            shown[name] = phase_to_grey(panel, phase, nm * 1e-9).numpy()
+    for name, waves in zip(design.defocus_names, design.defocus_waves, strict=True):
+        shown[name] = _defocus_pattern(camera, waves, design.reference_nm * 1e-9)
+    regions, vectors = design.request.regions, np.array(design.vectors)
+    for name, low, high in zip(design.sweep_names, design.low, design.high, strict=True):
+        shown[name] = stripe_pattern(panel.shape, regions, vectors, low, high)
     return shown
 
 
@@ -127,14 +134,10 @@ def build_plan(
     blocks = []
     for nm in request.wavelengths_nm:
         exposures = design.exposures_at(nm)
-        full = [names.steering_pattern_name(nm, k) for k in range(len(design.compass))]
+        full, sweep = design.steering_names(nm), design.sweep_names
         if nm == design.reference_nm:
-            full += [names.defocus_pattern_name(nm, k) for k in range(len(design.defocus_waves))]
-        sweep = [
-            names.stripes_pattern_name(low, high)
-            for low, high in zip(design.low, design.high, strict=True)
-        ]
-        neutral, full_ms = [names.NEUTRAL_NAME], exposures.full_ms
+            full += design.defocus_names
+        neutral, full_ms = [NEUTRAL_NAME], exposures.full_ms
         if request.dark:
             both = (full_ms, exposures.sweep_ms) if sweep else (full_ms,)
             darks = _block(request.dark, neutral, nm, *both, repeats=2)
@@ -147,7 +150,7 @@ def build_plan(
         {
             "version": 1,
             "title": "Calibration: " + ", ".join(request.parts),
-            "metadata": {names.DESIGN_KEY: design.model_dump_json()},
+            "metadata": {DESIGN_KEY: design.model_dump_json()},
             "patterns": {n: {"kind": "image", "file": f"{folder}/{n}.png"} for n in patterns},
             "acquire": blocks,
         }

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_whole
 from labapp.files.quantities import Nanometres, Positive
 from labapp.files.reading import FileModel
 
@@ -14,6 +16,9 @@ Part = Literal["registration", "response", "wavefront", "zeroth"]
 PARTS: tuple[Part, ...] = ("registration", "response", "wavefront", "zeroth")
 
 Vector = tuple[float, float]
+
+NEUTRAL_NAME = "neutral"
+"""Name of the neutral pattern."""
 
 DESIGN_KEY = "calibration_design"
 """Key of a plan's metadata under which the design is stored as JSON."""
@@ -40,6 +45,15 @@ class CalibrationRequest(FileModel):
 
     def includes(self, part: Part) -> bool:
         return part in self.parts
+
+
+def parse_regions(text: str) -> tuple[int, ...]:
+    """Parse the rows and columns of the panel's regions, as in 2x2."""
+    try:
+        rows, columns = (parse_whole(one) for one in text.split("x"))
+    except ValueError as error:
+        raise UserError(f"--regions {text}: give rows x columns, as in 2x2.") from error
+    return rows, columns
 
 
 class CalibrationExposures(FileModel):
@@ -72,6 +86,22 @@ class CalibrationDesign(FileModel):
     high: tuple[int, ...] = ()
     defocus_waves: tuple[float, ...] = ()
 
+    def steering_names(self, wavelength_nm: float) -> list[str]:
+        """Return the names of the steering gratings' patterns at a wavelength."""
+        return [f"steer-{wavelength_nm:g}-{number}" for number in range(len(self.compass))]
+
+    @property
+    def sweep_names(self) -> list[str]:
+        """The names of the sweep's patterns, in the order of the frames."""
+        levels = zip(self.low, self.high, strict=True)
+        return [f"stripes-{low:03d}-{high:03d}" for low, high in levels]
+
+    @property
+    def defocus_names(self) -> list[str]:
+        """The names of the defocus patterns."""
+        nm = self.reference_nm
+        return [f"defocus-{nm:g}-{number}" for number in range(len(self.defocus_waves))]
+
     @property
     def reference_nm(self) -> float:
         """Return the middle wavelength in nm, at which the wavefront is measured."""
@@ -79,19 +109,3 @@ class CalibrationDesign(FileModel):
 
     def exposures_at(self, wavelength_nm: float) -> CalibrationExposures:
         return next(e for e in self.exposures if e.wavelength_nm == wavelength_nm)
-
-
-NEUTRAL_NAME = "neutral"
-"""Name of the neutral pattern. Plan and record use the same names, as below."""
-
-
-def steering_pattern_name(wavelength_nm: float, number: int) -> str:
-    return f"steer-{wavelength_nm:g}-{number}"
-
-
-def stripes_pattern_name(low: int, high: int) -> str:
-    return f"stripes-{low:03d}-{high:03d}"
-
-
-def defocus_pattern_name(wavelength_nm: float, number: int) -> str:
-    return f"defocus-{wavelength_nm:g}-{number}"

@@ -15,10 +15,9 @@ from typer.main import get_command
 
 # isort: off
 from labapp.cli.app import app
-from labapp.cli import demo, runs, records, bracket_command, merge_command, calibrate  # noqa: F401
-from labapp.cli import psf_command, beam_command, patterns, design, refine, simulated_pictures  # noqa: F401
-from labapp.cli import reconstruct, study, train, gui  # noqa: F401
-from labapp.cli import accuracy, accuracy_hdr, plans, devices, bench, virtual_bench, guide  # noqa: F401
+from labapp.cli import demo, runs, records, brackets, calibrate  # noqa: F401
+from labapp.cli import psf_command, patterns, simulated_pictures, reconstruct, study, train  # noqa: F401
+from labapp.cli import gui, accuracy, accuracy_pictures, plans, devices, guide  # noqa: F401
 from labapp.cli.number_options import read_numbers_as_typed
 from labapp.common.command_end import (
     CANCELLED_CODE,

@@ -1,4 +1,4 @@
-"""`labapp accuracy ...`, which measures what accuracy costs in time."""
+"""`labapp accuracy ...`, which measures what accuracy costs: all of it, PSFs, and retrieval."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from labapp.cli.shared_options import (
     ForceOption,
     JsonOption,
     PeersOption,
-    PictureOptions,
     RowsOutputOptions,
-    light_in_nanometres,
-    readable_path,
+    SphereOption,
+    WavelengthOption,
+    light_option,
+    require_writable_rows,
 )
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
@@ -60,7 +61,13 @@ def accuracy_(
     **labapp accuracy propagate --distance 0.05 --size 192**
     """
     if context.invoked_subcommand is not None:
-        _require_no_page_options(out, camera, force=force, json=json)
+        page_options = {"--out": out, "--camera": camera, "--force": force, "--json": json}
+        for name, value in page_options.items():
+            if value:
+                raise UserError(
+                    f"{name}: before a name it belongs to the page of everything. Put it after the "
+                    "name, or leave the name out."
+                )
         use_one_thread()
         return
     from labapp.files.output_paths import accuracy_folder
@@ -70,19 +77,6 @@ def accuracy_(
     from labapp.accuracy.overview.measuring import accuracy_page
 
     accuracy_page(camera, folder, as_json=json)
-
-
-def _require_no_page_options(
-    out: Path | None, camera: Path | None, *, force: bool, json: bool
-) -> None:
-    """Raise UserError for options of the whole page that stand before an operation's name."""
-    given = {"--out": out, "--camera": camera, "--force": force, "--json": json}
-    for name, value in given.items():
-        if value:
-            raise UserError(
-                f"{name}: before a name it belongs to the page of everything. Put it after the "
-                "name, or leave the name out."
-            )
 
 
 _PEER_COMPARISON_LENS = LensOptions(0.1, 5.6, float("inf"), 2.0, 520.0)
@@ -131,8 +125,7 @@ def accuracy_psf_(
 
     **labapp accuracy psf --size 64 --f-number 16 --plot front.png**
     """
-    rows = get_option_group(context, RowsOutputOptions)
-    rows.require_writable()
+    rows = require_writable_rows(context)
     described = get_option_group(context, LensOptions).build_case()
     from labapp.accuracy.command import accuracy_psf
 
@@ -151,9 +144,7 @@ def accuracy_propagate_(
     distance: Annotated[
         float, typer.Option(help="Distance between the planes, in metres; negative goes back.")
     ] = 0.05,
-    wavelength_nm: Annotated[
-        float, typer.Option(callback=light_in_nanometres, help="Wavelength in nanometres.")
-    ] = 550.0,
+    wavelength_nm: WavelengthOption = 550.0,
     pitch_um: Annotated[
         float, typer.Option(help="Pitch of the field's samples, in micrometres.")
     ] = 8.0,
@@ -192,8 +183,7 @@ def accuracy_propagate_(
     require_propagation(light, distance, wavelength_nm * 1e-9)
     require_pitch("pitch-um", pitch_um)
     require_pitch("target-pitch-um", target_pitch_um)
-    rows = get_option_group(context, RowsOutputOptions)
-    rows.require_writable()
+    rows = require_writable_rows(context)
     target = read_window(target_size, target_pitch_um * 1e-6, centre)
     source = read_window(size, pitch_um * 1e-6, "0,0")
     from labapp.accuracy.propagate import accuracy_propagate, field_case_from_options
@@ -229,10 +219,7 @@ def accuracy_chain_(
         str, typer.Option(help="Phase on the panel: random, cubic or neutral.")
     ] = "random",
     field: FieldOption = "0,0",
-    sphere: Annotated[
-        bool,
-        typer.Option("--sphere", help="Use a spherical wave of the object instead of a parabola."),
-    ] = False,
+    sphere: SphereOption = False,
     memory_mb: Annotated[
         int, typer.Option(help="Memory that a method may use, in megabytes.")
     ] = 1000,
@@ -257,8 +244,7 @@ def accuracy_chain_(
     require_pattern(pattern)
     if panel is not None:
         read_panel(panel)
-    rows = get_option_group(context, RowsOutputOptions)
-    rows.require_writable()
+    rows = require_writable_rows(context)
     described = build_lens_case(context)
     from labapp.accuracy.chain import accuracy_chain, chain_case_from_options
 
@@ -284,10 +270,7 @@ def accuracy_retrieval_(
         typer.Argument(metavar="[KEY=VALUE]...", help="Keys of the target, as there."),
     ] = None,
     wavelength_nm: Annotated[
-        float,
-        typer.Option(
-            callback=light_in_nanometres, help="Wavelength of the pattern, in nanometres."
-        ),
+        float, light_option("Wavelength of the pattern, in nanometres.")
     ] = 550.0,
     frames: Annotated[
         int, typer.Option(min=1, help="Frames of a video; the mean of their PSFs counts.")
@@ -309,210 +292,8 @@ def accuracy_retrieval_(
     from labapp.patterns.designing.kinds import read_psf
 
     spec = read_psf(target, keys or [], wavelength_nm, {})
-    rows = get_option_group(context, RowsOutputOptions)
-    rows.require_writable()
+    rows = require_writable_rows(context)
     from labapp.accuracy.retrieval import accuracy_retrieval, goal_from_options
 
     goal, name = goal_from_options(spec, bench)
     accuracy_retrieval(goal, name, frames=frames, budget=budget, as_json=rows.json, plot=rows.plot)
-
-
-@accuracy.command("deconvolve", cls=command_with_options(RowsOutputOptions()))
-def accuracy_deconvolve_(
-    context: typer.Context,
-    picture: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[PICTURE]",
-            callback=readable_path,
-            help="Sharp picture to be blurred.",
-            show_default="the demo's",
-        ),
-    ] = None,
-    blur: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Blur, with lengths in pixels; an unknown name lists all of them.",
-        ),
-    ] = "disk of 7",
-    psf: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=readable_path,
-            help="Picture or .npy of a PSF, instead of --blur.",
-        ),
-    ] = None,
-    noise: Annotated[
-        float, typer.Option(min=0, help="Standard deviation of the noise of a pixel; white is 1.")
-    ] = 0.01,
-    border: Annotated[
-        str,
-        typer.Option(
-            help="Scene beyond the frame: unknown, as for a camera, or periodic, with one whole "
-            "period in the frame."
-        ),
-    ] = "unknown",
-    size: Annotated[
-        int,
-        typer.Option(
-            min=32, help="Largest side in pixels; larger pictures are cut to their middle."
-        ),
-    ] = 512,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
-    peers: PeersOption = False,
-) -> None:
-    """Measure the quality and time of every restoration method on a blurred picture (--blur).
-
-    The picture is blurred, and noise is added. Each method estimates noise and weights by itself.
-    The table gives PSNR in dB, SSIM and processor time in ms. Rows on the front are beaten by no
-    other row in both time and error; **labapp reconstruct --budget** chooses from such a front. A
-    method that fails has a row, too. For instance
-
-    **labapp accuracy deconvolve --blur "Gaussian of 1.5" --size 128**
-    """
-    from labapp.accuracy.option_validation import require_blur
-
-    require_blur(blur, border)
-    rows = get_option_group(context, RowsOutputOptions)
-    rows.require_writable()
-    from labapp.accuracy.blurs import photograph_from_options
-    from labapp.accuracy.deconvolve import accuracy_deconvolve
-    from labapp.pictures.networks import bundled_denoiser
-
-    case = photograph_from_options(picture, blur, psf, noise, border, size, seed)
-    accuracy_deconvolve(case, bundled_denoiser(), peers=peers, as_json=rows.json, plot=rows.plot)
-
-
-@accuracy.command("multispectral", cls=command_with_options(RowsOutputOptions()))
-def accuracy_multispectral_(
-    context: typer.Context,
-    cube: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[CUBE]",
-            callback=readable_path,
-            help="Spectral cube (.h5 or .hdr) in shares of white.",
-            show_default="a ColorChecker in six bands",
-        ),
-    ] = None,
-    psf: Annotated[
-        str,
-        typer.Option(
-            metavar="SHAPE",
-            help="Shape of the PSFs: ring, spiral, dots or linear dispersion.",
-        ),
-    ] = "ring",
-    noise: Annotated[
-        float, typer.Option(min=0, help="Standard deviation of the noise of a pixel; white is 1.")
-    ] = 0.01,
-    size: Annotated[
-        int,
-        typer.Option(min=32, help="Largest side in pixels; larger cubes are cut to their middle."),
-    ] = 256,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
-) -> None:
-    """Measure the quality and time of spectral bands that are restored from one snapshot (CUBE).
-
-    The snapshot is computed: each band is blurred by a PSF of its own (--psf), a colour sensor sees
-    their sum, and noise is added. It is restored with a prior of typical spectra, which adapts to
-    the scene or doesn't, and by the objective of the thesis, after more and more iterations. The
-    table gives the mean PSNR of the bands in dB, that of the worst band, and processor time in ms.
-    Rows on the front are beaten by no other row in both time and error. For instance
-
-    **labapp accuracy multispectral --psf dots --size 128**
-    """
-    from labapp.accuracy.option_validation import require_psf_name
-
-    require_psf_name(psf)
-    rows = get_option_group(context, RowsOutputOptions)
-    rows.require_writable()
-    from labapp.accuracy.multispectral import accuracy_multispectral
-    from labapp.accuracy.spectral_case import spectral_case_from_options
-
-    case = spectral_case_from_options(cube, psf, noise, size, seed)
-    accuracy_multispectral(case, as_json=rows.json, plot=rows.plot)
-
-
-@accuracy.command("edof", cls=command_with_options(CameraOptions(), RowsOutputOptions()))
-def accuracy_edof_(
-    context: typer.Context,
-    part: Annotated[
-        str,
-        typer.Option(help="What is measured: design, psf (with its gradient), or all of it."),
-    ] = "all",
-    panel: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ROWSxCOLUMNSxUM",
-            show_default="the camera's, or 1080x1920x8",
-            help="Number of panel pixels, and their pitch in micrometres.",
-        ),
-    ] = None,
-    steps: Annotated[int, typer.Option(min=1, help="Largest number of steps of a design.")] = 100,
-    noise: Annotated[
-        float, typer.Option(help="Standard deviation of a pixel's noise, where white is 1.")
-    ] = 0.008,
-    size: Annotated[
-        int, typer.Option(min=32, max=2048, help="Pixels along a side of a design's pictures.")
-    ] = 256,
-    window: Annotated[
-        int, typer.Option(min=8, max=2048, help="Sensor pixels along a side of the PSFs.")
-    ] = 256,
-) -> None:
-    """Measure what patterns for an extended depth of field reach, and the time they take (--steps).
-
-    Each row of the first table is a design after a number of steps: how the pattern is described,
-    where it starts, and the depths per step. Its error is the distance in dB from the bound that no
-    pattern can pass with the depth known to the PSNR that is expected of one filter for all depths.
-    It doesn't reach zero. The second table has the methods for the PSF of a pattern and its
-    gradient at each tolerance, with relative L2 errors against a sum over the panel's pixels in
-    double precision. Rows on the front are beaten by no other row in both time and error. For
-    instance
-
-    **labapp accuracy edof --panel 108x192x16 --size 64 --window 64 --steps 30**
-    """
-    from labapp.accuracy.option_validation import require_edof_part
-
-    require_edof_part(part)
-    rows = get_option_group(context, RowsOutputOptions)
-    rows.require_writable()
-    file = get_option_group(context, CameraOptions).camera
-    from labapp.accuracy.edof_case import edof_case_from_options
-    from labapp.files.bench_file import read_camera
-
-    camera = None if file is None else read_camera(file)
-    case = edof_case_from_options(camera, panel, noise=noise, size=size, window=window)
-    from labapp.accuracy.edof import accuracy_edof
-
-    accuracy_edof(case, part=part, most_steps=steps, as_json=rows.json, plot=rows.plot)
-
-
-@accuracy.command("simulate", cls=command_with_options(PictureOptions()))
-def accuracy_simulate_(
-    context: typer.Context,
-    bench: Annotated[
-        Path | None,
-        typer.Option(
-            callback=readable_path,
-            help="Bench file (TOML).",
-            show_default="the bundled one, with few pixels",
-        ),
-    ] = None,
-    json: JsonOption = False,
-) -> None:
-    """Measure what each tolerance costs a simulated picture (--target), and check that it is kept.
-
-    One picture is simulated at each tolerance by its effect plan, and once with all effects at
-    their finest. The table gives relative L2 errors of the mean picture, of its variance and of its
-    standard deviation, and processor time in ms. The default bench has few pixels, because all
-    effects take minutes on a bench of full size. The exit code is 1 if a tolerance is exceeded. For
-    instance
-
-    **labapp accuracy simulate --target star**
-    """
-    from labapp.accuracy.simulate import accuracy_simulate
-
-    asked = get_option_group(context, PictureOptions).picture_request(bench)
-    accuracy_simulate(asked, as_json=json)

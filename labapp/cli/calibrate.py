@@ -9,7 +9,13 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.option_groups import command_with_options, get_option_group
-from labapp.cli.shared_options import RunOptions, StarOptions, existing_path, light_in_nanometres
+from labapp.cli.shared_options import (
+    RunOptions,
+    StarOptions,
+    existing_path,
+    light_option,
+    require_options_of_kind,
+)
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 
@@ -22,11 +28,10 @@ def calibrate(
     ] = None,
     wavelength_nm: Annotated[
         list[float] | None,
-        typer.Option(
-            callback=light_in_nanometres,
-            metavar="NM",
-            help="Wavelength in nanometres; repeat the option for more.  [532; with --spectra, the "
+        light_option(
+            "Wavelength in nanometres; repeat the option for more.  [532; with --spectra, the "
             "plan's bands]",
+            metavar="NM",
         ),
     ] = None,
     regions: Annotated[
@@ -158,7 +163,7 @@ def calibrate(
     """
     if fit is None and out is None:
         raise UserError("--out is missing: name a folder for plan, record and results.")
-    _require_options_of_kind(
+    require_options_of_kind(
         "--camera" if camera else "--spectra" if spectra else "",
         {
             ("--spectra",): {"--spectra": spectra or None, "--plan": plan, "--lamp": lamp},
@@ -168,13 +173,6 @@ def calibrate(
             ("", "--spectra"): {"--exposure-ms": exposure_ms},
         },
     )
-    if camera:
-        asked_of_camera: dict[str, Any] = {
-            "flat": flat, "wavelength_nm": tuple(wavelength_nm or ()), "exposures": exposures,
-            "flat_ms": flat_ms, "dark_s": dark_s,
-        }  # fmt: skip
-        _calibrate_camera(context, asked_of_camera, out, fit, plan_only=plan_only)
-        return
     if spectra:
         named: dict[str, Any] = {
             "plan": plan, "flat": flat or "flat", "flat_ms": flat_ms, "lamp": lamp,
@@ -182,28 +180,37 @@ def calibrate(
         }  # fmt: skip
         _calibrate_spectra(context, named, out, fit, plan_only=plan_only)
         return
-    from labapp.calibration.command import (
-        CalibrateOptions,
-        calibrate_bench,
-        refit_record,
-        write_plan_only,
-    )
+    if camera:
+        use_one_thread()
+    from labapp.calibration.command import CAMERA, PANEL
 
     options = get_option_group(context, RunOptions)
+    kind = CAMERA if camera else PANEL
     if fit is not None:
-        refit_record(fit, options.run_mode)
+        kind.refit(fit, options.run_mode, **({"flat": flat} if camera else {}))
         return
     assert out is not None
-    asked = CalibrateOptions(
-        wavelengths_nm=tuple(wavelength_nm or [532.0]),
-        regions=regions or "2x2",
-        only=tuple(only or ()),
-        levels=40 if levels is None else levels,
-        exposure_ms=exposure_ms,
-        **vars(get_option_group(context, StarOptions)),
-    )
-    take = write_plan_only if plan_only else calibrate_bench
-    take(asked, out, options.bench_files(), options.run_mode)
+    star = get_option_group(context, StarOptions)
+    asked: dict[str, Any]
+    if camera:
+        if len(wavelength_nm or ()) > 1:
+            raise UserError("--wavelength-nm: the camera is calibrated at one wavelength.")
+        asked = {
+            "flat": flat, "dark": star.dark, "wavelength_nm": next(iter(wavelength_nm or ()), None),
+            "exposures": exposures, "flat_ms": flat_ms, "dark_s": dark_s,
+        }  # fmt: skip
+    else:
+        from labapp.calibration.request import parse_regions
+
+        asked = {
+            "wavelengths_nm": sorted(set(wavelength_nm or [532.0])),
+            "regions": None if regions is None else parse_regions(regions),
+            "parts": tuple(only or ()) or None, "levels": levels, "exposure_ms": exposure_ms,
+            "star": star.star, "dark": star.dark,
+            "star_diameter_um": star.star_um, "star_distance_m": star.star_m,
+        }  # fmt: skip
+    take = kind.write_plan if plan_only else kind.take_and_fit
+    take(kind.read_request(asked), out, options.bench_files(), options.run_mode)
 
 
 def _calibrate_spectra(
@@ -231,49 +238,3 @@ def _calibrate_spectra(
     asked = SpectraOptions(**named, **vars(get_option_group(context, StarOptions)))
     take = write_spectra_plan if plan_only else calibrate_spectra_of_bench
     take(asked, out, options.bench_files(), options.run_mode)
-
-
-def _calibrate_camera(
-    context: typer.Context,
-    named: dict[str, Any],
-    out: Path | None,
-    fit: Path | None,
-    *,
-    plan_only: bool,
-) -> None:
-    """Calibrate a camera's noise, from a bench or from the record `fit`."""
-    use_one_thread()
-    from labapp.calibration.camera.command import (
-        CameraOptions,
-        calibrate_camera_of_bench,
-        refit_camera,
-        write_camera_plan,
-    )
-
-    options = get_option_group(context, RunOptions)
-    if fit is not None:
-        refit_camera(fit, named["flat"], options.run_mode)
-        return
-    assert out is not None
-    asked = CameraOptions(**named, dark=get_option_group(context, StarOptions).dark)
-    take = write_camera_plan if plan_only else calibrate_camera_of_bench
-    take(asked, out, options.bench_files(), options.run_mode)
-
-
-def _require_options_of_kind(kind: str, options: dict[tuple[str, ...], dict[str, Any]]) -> None:
-    """Raise UserError for options that mean nothing to a kind of calibration.
-
-    kind: "--camera", "--spectra", or "" for that of panel and lens.
-    options: values of options by the kinds to which they mean something; None for one that isn't
-        given.
-    """
-    for kinds, values in options.items():
-        given = next((name for name, value in values.items() if value is not None), None)
-        if given is None or kind in kinds:
-            continue
-        if kind:
-            raise UserError(f"{given}: means nothing with {kind}. Leave one of the two out.")
-        named = " or ".join(one for one in kinds if one)
-        raise UserError(
-            f"{given}: means something with {named} only. Add {kinds[-1]}, or leave it out."
-        )

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from labapp.cli.option_groups import get_option_group
-from labapp.cli.shared_options import CameraOption, light_in_nanometres
+from labapp.cli.shared_options import CameraOption, WavelengthOption
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,7 @@ class LensOptions:
     distance: Annotated[
         float, typer.Option(help="Distance of the object, in metres; inf is allowed.")
     ] = 2.0
-    wavelength_nm: Annotated[
-        float, typer.Option(callback=light_in_nanometres, help="Wavelength in nanometres.")
-    ] = 550.0
+    wavelength_nm: WavelengthOption = 550.0
     pitch_um: Annotated[
         float, typer.Option(help="Pitch of the sensor's pixels, in micrometres.")
     ] = 3.45
@@ -95,25 +93,18 @@ def build_lens_case(context: typer.Context) -> Any:
 
     Options that the user gives explicitly override the file.
     """
-    options, camera = (
-        get_option_group(context, LensOptions),
-        get_option_group(context, CameraOptions).camera,
-    )
+    options = get_option_group(context, LensOptions)
+    camera = get_option_group(context, CameraOptions).camera
     if camera is None:
         return options.build_case()
     from labapp.files.bench_file import read_camera_file
     from labapp.prediction.lens_options import lens_option_defaults, with_panel_in_front
 
-    chosen = _options_on_command_line(context)
+    sources = {one.name: context.get_parameter_source(one.name) for one in fields(LensOptions)}
+    chosen = {name for name, source in sources.items() if source and source.name == "COMMANDLINE"}
     file = read_camera_file(camera)
     described = file.build_camera()
     words: dict[str, Any] = lens_option_defaults(described)
     said = {name: word for name, word in words.items() if name not in chosen}
     case = with_panel_in_front(replace(options, **said).build_case(), described, chosen)
     return replace(case, interference=file.interference)
-
-
-def _options_on_command_line(context: typer.Context) -> set[str]:
-    """Return the names of the lens options that the user gives explicitly."""
-    sources = {one.name: context.get_parameter_source(one.name) for one in fields(LensOptions)}
-    return {name for name, source in sources.items() if source and source.name == "COMMANDLINE"}

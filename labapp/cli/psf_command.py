@@ -1,4 +1,4 @@
-"""`labapp psf`, which computes a PSF to a tolerance."""
+"""`labapp psf`, the PSF to a tolerance, and `labapp beam`, the light along the optical axis."""
 
 from __future__ import annotations
 
@@ -10,7 +10,16 @@ import typer
 from labapp.cli.app import app
 from labapp.cli.lens_options import CameraOptions, LensOptions, build_lens_case
 from labapp.cli.option_groups import command_with_options
-from labapp.cli.shared_options import FieldOption, ForceOption, JsonOption, readable_path
+from labapp.cli.shared_options import (
+    CameraOption,
+    FieldOption,
+    ForceOption,
+    JsonOption,
+    NeutralPatternOption,
+    SphereOption,
+    WavelengthOption,
+    file_option,
+)
 from labapp.common.threads import use_one_thread
 
 
@@ -41,16 +50,10 @@ def psf(
     ] = 10.0,
     pattern: Annotated[
         Path | None,
-        typer.Option(
-            callback=readable_path,
-            help="Pattern on the SLM in front of the lens, an 8-bit picture. Default: neutral.",
-        ),
+        file_option("Pattern on the SLM in front of the lens, an 8-bit picture. Default: neutral."),
     ] = None,
     field: FieldOption = "0,0",
-    sphere: Annotated[
-        bool,
-        typer.Option("--sphere", help="Use a spherical wave of the object instead of a parabola."),
-    ] = False,
+    sphere: SphereOption = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -74,3 +77,40 @@ def psf(
     memory = memory_mb * 1_000_000
     asked = PSFRequest(described, tol, points, method, memory, pattern, off_axis, sphere, budget)
     predict_psf(asked, *places, as_json=json)
+
+
+@app.command()
+def beam(
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Picture to write (.png).")],
+    camera: CameraOption = None,
+    pattern: NeutralPatternOption = None,
+    distance: Annotated[
+        float,
+        typer.Option(help="Distance of the object from the panel, in metres; inf is allowed."),
+    ] = 2.0,
+    wavelength_nm: WavelengthOption = 550.0,
+    field: FieldOption = "0,0",
+    slices: Annotated[
+        int, typer.Option(help="Number of depths in each of the two pictures.")
+    ] = 120,
+    force: ForceOption = False,
+) -> None:
+    """Draw the light of a point along the axis, from the panel to the sensor, in a picture (--out).
+
+    The file shows two pictures over four decades: the whole way from the panel through the lens to
+    the sensor, and the light around the sensor. They show what the stop cuts off, where the
+    diffraction orders of a pattern go, and how deep the focus is. For instance
+
+    **labapp beam --distance 2 --out beam.png**
+    """
+    from labapp.files.output_paths import beam_output_path
+    from labapp.prediction.lens_options import read_field
+
+    off_axis, place = read_field(field), beam_output_path(out, force=force)
+    from labapp.files.bench_file import read_camera
+    from labapp.prediction.beam_picture import BeamRequest, draw_beam
+
+    asked = BeamRequest(
+        read_camera(camera), pattern, distance, wavelength_nm * 1e-9, off_axis, slices
+    )
+    draw_beam(asked, place)

@@ -8,19 +8,15 @@ from typing import Annotated, Any
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.restoration_kinds import (
-    decode_photograph_file,
-    reconstruct_cube,
-    refuse_options,
-    require_options_of_one_kind,
-)
 from labapp.cli.shared_options import (
     EncodingOption,
     ForceOption,
     JsonOption,
     ReadoutOption,
-    light_in_nanometres,
+    file_option,
+    light_option,
     readable_path,
+    require_options_of_kind,
 )
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
@@ -40,11 +36,10 @@ def reconstruct(
     ],
     psf: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=readable_path,
-            help="Picture or .npy of the PSF, or a record with a star. With --bands: a cube or "
+        file_option(
+            "Picture or .npy of the PSF, or a record with a star. With --bands: a cube or "
             ".npy of a PSF for each band, or such a record.",
+            metavar="FILE",
             show_default="the star of the record",
         ),
     ] = None,
@@ -104,11 +99,7 @@ def reconstruct(
         typer.Option(help="Pattern of a record.", show_default="the plan's, or the last"),
     ] = None,
     wavelength_nm: Annotated[
-        float | None,
-        typer.Option(
-            callback=light_in_nanometres,
-            help="Wavelength in nanometres, for a record with several.",
-        ),
+        float | None, light_option("Wavelength in nanometres, for a record with several.")
     ] = None,
     frame: Annotated[
         int | None,
@@ -159,10 +150,9 @@ def reconstruct(
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(
+        file_option(
+            "With --bands, PSFs and response by labapp calibrate --spectra.",
             metavar="spectra.json",
-            callback=readable_path,
-            help="With --bands, PSFs and response by labapp calibrate --spectra.",
             show_default="the record's star and white",
         ),
     ] = None,
@@ -202,11 +192,10 @@ def reconstruct(
     ] = None,
     truth: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=readable_path,
-            help="True picture, against which PSNR and SSIM are measured. With --bands: a cube, or "
+        file_option(
+            "True picture, against which PSNR and SSIM are measured. With --bands: a cube, or "
             "a record of the neutral photographs.",
+            metavar="FILE",
         ),
     ] = None,
     force: ForceOption = False,
@@ -274,26 +263,33 @@ def reconstruct(
     }  # fmt: skip
     if decoder is not None and bands is not None:
         raise UserError("--decoder and --bands are both given. Leave one of the two out.")
-    require_options_of_one_kind(bands, photograph_only, spectral_only)
+    require_options_of_kind(
+        "--bands" if bands is not None else "",
+        {("",): photograph_only, ("--bands",): spectral_only},
+    )
     if decoder is not None:
-        refuse_options("--decoder", not_decoding)
+        require_options_of_kind("--decoder", {("",): not_decoding})
     if bands is not None:
-        named: dict[str, Any] = {"psf": psf, "target": target, "pattern": pattern, "star": star}
-        named |= {"white": white, "noise": noise, "border": border, "truth": truth}
-        named |= {"calibration": calibration, "refines": refine}
-        outputs = (out, picture)
-        reconstruct_cube(
-            source, bands, named, outputs, light or "D65", weight, force=force, as_json=json
+        named: dict[str, Any] = {
+            "psf": psf, "target": target, "pattern": pattern, "star": star, "white": white,
+            "noise": noise, "border": border, "truth": truth, "calibration": calibration,
+            "refines": refine,
+        }  # fmt: skip
+        shown_in = light or "D65"
+        _reconstruct_cube(
+            source, bands, named, (out, picture), shown_in, weight, force=force, as_json=json
         )
         return
     from labapp.files.output_paths import restoration_output_paths
 
     wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
     selected = (target, pattern, wavelength, frame, star, grey, readout)
-    told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
-    told |= {"blind": blind, "truth": truth, "encoding": encoding}
+    told: dict[str, Any] = {
+        "noise": noise, "border": border, "clip": clip, "dark": dark, "blind": blind,
+        "truth": truth, "encoding": encoding,
+    }  # fmt: skip
     if decoder is not None:
-        decode_photograph_file(
+        _decode_photograph_file(
             source, decoder, selected, told, (out, picture), force=force, as_json=json
         )
         return
@@ -311,3 +307,55 @@ def reconstruct(
     restore(
         asked, MethodChoice(method, budget, weight, refine_psf), OutputFiles(*places), as_json=json
     )
+
+
+def _decode_photograph_file(
+    source: Path,
+    decoder: str,
+    selected: tuple[Any, ...],
+    told: dict[str, Any],
+    outputs: tuple[Path | None, Path | None],
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Decode a photograph that was taken through a trained pattern, and write its files."""
+    from labapp.files.output_paths import restoration_output_paths
+
+    out = outputs[0] or source.with_name(f"{source.stem}_decoded.tiff")
+    inputs = (told["truth"], Path(decoder))
+    places = restoration_output_paths(source, out, outputs[1], inputs, blind=False, force=force)
+    use_one_thread()
+    from labapp.pictures.reconstructing.command import OutputFiles, decode_for_command
+    from labapp.pictures.reconstructing.decoding_request import DecodingRequest
+    from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
+    from labapp.pictures.reconstructing.restoration_request import RestorationRequest
+
+    photograph = RestorationRequest(source, None, RecordSelection(*selected), **told)
+    decode_for_command(DecodingRequest(photograph, decoder), OutputFiles(*places), as_json=as_json)
+
+
+def _reconstruct_cube(
+    source: Path,
+    bands: str,
+    named: dict[str, Any],
+    outputs: tuple[Path | None, Path | None],
+    light: str,
+    weight: float | None,
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Restore the spectral cube of a record, and write its files."""
+    from labapp.files.output_paths import spectral_output_paths
+    from labapp.spectral.band_list import parse_bands
+
+    wavelengths = parse_bands(bands)
+    inputs = (named["psf"], named["truth"], named["calibration"])
+    places = spectral_output_paths(source, *outputs, inputs, force=force)
+    use_one_thread()
+    from labapp.spectral.command import SpectralFiles, reconstruct_spectra
+    from labapp.spectral.request import SpectralRequest
+
+    request = SpectralRequest(source, wavelengths, **named)
+    reconstruct_spectra(request, SpectralFiles(*places), light, weight, as_json=as_json)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from labapp.cli.option_groups import get_option_group
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 
@@ -64,6 +65,16 @@ def find_encoding(word: str | None) -> str | None:
     return None if word is None else parse_encoding(word).name
 
 
+def light_option(words: str, **more: Any) -> Any:
+    """Return an option of wavelengths in nm, which are checked while they are parsed."""
+    return typer.Option(callback=light_in_nanometres, help=words, **more)
+
+
+def file_option(words: str, **more: Any) -> Any:
+    """Return an option of a file, which must be readable."""
+    return typer.Option(callback=readable_path, help=words, **more)
+
+
 EncodingOption = Annotated[
     str | None,
     typer.Option(
@@ -75,10 +86,7 @@ EncodingOption = Annotated[
     ),
 ]
 BenchOption = Annotated[
-    Path | None,
-    typer.Option(
-        callback=readable_path, help="Bench file (TOML). Default: the bundled virtual bench."
-    ),
+    Path | None, file_option("Bench file (TOML). Default: the bundled virtual bench.")
 ]
 SceneOption = Annotated[
     Path | None,
@@ -88,16 +96,10 @@ SceneOption = Annotated[
     ),
 ]
 ImageOption = Annotated[
-    Path | None,
-    typer.Option(
-        callback=readable_path, help="Your photograph (JPEG, PNG, TIFF) for the simulated scene."
-    ),
+    Path | None, file_option("Your photograph (JPEG, PNG, TIFF) for the simulated scene.")
 ]
 FaultsOption = Annotated[
-    Path | None,
-    typer.Option(
-        callback=readable_path, help="Fault file (TOML) with faults of simulated devices."
-    ),
+    Path | None, file_option("Fault file (TOML) with faults of simulated devices.")
 ]
 KeysArgument = Annotated[
     list[str] | None,
@@ -154,11 +156,21 @@ PeersOption = Annotated[
 ]
 CameraOption = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE",
-        callback=readable_path,
-        help="Camera file or bench file (TOML), like labapp/data/thesis-camera.toml.",
+    file_option(
+        "Camera file or bench file (TOML), like labapp/data/thesis-camera.toml.", metavar="FILE"
     ),
+]
+WavelengthOption = Annotated[float, light_option("Wavelength in nanometres.")]
+NeutralPatternOption = Annotated[
+    Path | None, file_option("Pattern on the panel, an 8-bit picture. Default: neutral.")
+]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
+PixelNoiseOption = Annotated[
+    float, typer.Option(help="Standard deviation of a pixel's noise, where white is 1.")
+]
+SphereOption = Annotated[
+    bool,
+    typer.Option("--sphere", help="Use a spherical wave of the object instead of a parabola."),
 ]
 FieldOption = Annotated[
     str,
@@ -242,16 +254,12 @@ class DesignOptions:
         ),
     ] = None
     wavelength_nm: Annotated[
-        float,
-        typer.Option(
-            callback=light_in_nanometres,
-            help="Wavelength of pattern and predicted PSF, in nanometres.",
-        ),
+        float, light_option("Wavelength of pattern and predicted PSF, in nanometres.")
     ] = 550.0
     frames: Annotated[
         int, typer.Option(min=1, help="Frames of a video, in numbered .png files or one .h5.")
     ] = 1
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1
+    seed: SeedOption = 1
     size: Annotated[
         int | None, typer.Option(min=16, max=2048, help="Sensor pixels across the predicted PSF.")
     ] = None
@@ -265,7 +273,7 @@ class DesignOptions:
         Raises UserError for options that are wrong, or a pattern that the panel can't show.
         """
         from labapp.files.output_paths import pattern_output_paths
-        from labapp.patterns.designing.design_request import DesignRequest
+        from labapp.patterns.designing.kinds import DesignRequest
 
         if self.out is None:
             raise UserError("there is no --out. Name a .png or .h5 file to write.")
@@ -314,16 +322,9 @@ class PictureOptions:
     target: Annotated[
         str | None, typer.Option(help="Target of the scene. Default: its first that isn't dark.")
     ] = None
-    pattern: Annotated[
-        Path | None,
-        typer.Option(
-            callback=readable_path,
-            help="Pattern on the panel, an 8-bit picture. Default: neutral.",
-        ),
-    ] = None
+    pattern: NeutralPatternOption = None
     wavelength_nm: Annotated[
-        float | None,
-        typer.Option(callback=light_in_nanometres, help="Wavelength of the filter, in nanometres."),
+        float | None, light_option("Wavelength of the filter, in nanometres.")
     ] = None
     exposure_ms: Annotated[
         float | None,
@@ -375,8 +376,36 @@ class RowsOutputOptions:
     ] = None
     force: ForceOption = False
 
-    def require_writable(self) -> None:
-        """Raise UserError if the diagram of --plot can't be written."""
-        from labapp.files.writing import require_all_writable
 
-        require_all_writable((self.plot,), force=self.force)
+def require_writable_rows(context: typer.Context) -> RowsOutputOptions:
+    """Return the output of measured rows; raise UserError if --plot can't be written."""
+    from labapp.files.writing import require_all_writable
+
+    rows = get_option_group(context, RowsOutputOptions)
+    require_all_writable((rows.plot,), force=rows.force)
+    return rows
+
+
+def require_one_length(steps: int | None, minutes: float | None) -> None:
+    """Raise UserError if both a number of steps and of minutes are given."""
+    if steps is not None and minutes is not None:
+        raise UserError("--minutes and --steps: give one of them.")
+
+
+def require_options_of_kind(kind: str, options: dict[tuple[str, ...], dict[str, Any]]) -> None:
+    """Raise UserError for options that mean nothing to the kind of work that is asked for.
+
+    kind: option that chooses the kind, as "--camera"; "" for the usual one.
+    options: values of options by the kinds to which they mean something; None for one that isn't
+        given.
+    """
+    for kinds, values in options.items():
+        given = next((name for name, value in values.items() if value is not None), None)
+        if given is None or kind in kinds:
+            continue
+        if kind:
+            raise UserError(f"{given}: means nothing with {kind}. Leave one of the two out.")
+        named = " or ".join(one for one in kinds if one)
+        raise UserError(
+            f"{given}: means something with {named} only. Add {kinds[-1]}, or leave it out."
+        )

@@ -9,7 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.option_groups import command_with_options, get_option_group
-from labapp.cli.shared_options import RunOptions, existing_path
+from labapp.cli.shared_options import RunOptions, SeedOption, existing_path
 from labapp.studies import STUDIES
 
 
@@ -58,7 +58,7 @@ def study(
         bool,
         typer.Option("--quick", help="Use smaller settings: seconds instead of a minute."),
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
+    seed: SeedOption = 1,
 ) -> None:
     from labapp.common.errors import UserError
     from labapp.files.output_paths import RECORD, STUDY_FILES

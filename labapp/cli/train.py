@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.shared_options import ForceOption
-from labapp.common.errors import UserError
+from labapp.cli.shared_options import ForceOption, SeedOption, require_one_length
 from labapp.common.threads import use_one_thread
 
 train_app = typer.Typer(
@@ -36,12 +35,6 @@ MinutesOption = Annotated[
 ]
 
 
-def require_one_length(steps: int | None, minutes: float | None) -> None:
-    """Raise UserError if both a number of steps and of minutes are given."""
-    if steps is not None and minutes is not None:
-        raise UserError("--minutes and --steps: give one of them.")
-
-
 @train_app.command()
 def denoiser(
     folders: Annotated[
@@ -60,7 +53,7 @@ def denoiser(
         ),
     ] = None,
     minutes: MinutesOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
+    seed: SeedOption = 1,
     device: DeviceOption = "auto",
     force: ForceOption = False,
 ) -> None:

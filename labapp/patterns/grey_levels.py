@@ -27,10 +27,9 @@ from optics.targets.target import Renderable
 
 @dataclass(frozen=True)
 class PatternContext:
-    """Camera, seed, progress and folder with which patterns are computed.
+    """What patterns are computed with: the seed alone determines all random numbers.
 
-    seed: alone determines all random numbers.
-    folder: from which picture files are read.
+    Picture files are read from `folder`.
     """
 
     camera: Camera
@@ -68,8 +67,6 @@ def compute_pattern(
 ) -> NDArray[np.uint8]:
     """Compute the grey levels of a still pattern on the camera's panel, (rows, columns).
 
-    seed: alone determines all random numbers.
-    folder: from which picture files are read.
     Raises UserError or ValueError if the panel can't show the pattern.
     """
     (grey,) = grey_frames(spec, 1, PatternContext(camera, seed, progress, folder))
@@ -181,9 +178,8 @@ def target_on_design_grid(
 
 def _ring(spec: RingPattern, number: int, work: PatternContext) -> torch.Tensor:
     """Compute the phase of one frame whose PSF is a ring."""
-    target, plane = target_on_design_grid(
-        spec.target.draw(work.folder), work.camera, spec.wavelength
-    )
+    drawing = spec.target.draw(work.folder)
+    target, plane = target_on_design_grid(drawing, work.camera, spec.wavelength)
     result = retrieve(
         work.camera,
         target,
@@ -204,18 +200,14 @@ def _sum_frames(spec: SumPattern, count: int, work: PatternContext) -> Iterator[
     Smooth parts are superposed first, because the slope of their sum is checked. Parts with jumps
     are added to that sum.
     """
-    parts = [
-        phase_frames(part, count, replace(work.part(i, len(spec.parts)), seed=_part_seed(work, i)))
-        for i, part in enumerate(spec.parts)
-    ]
+    parts = []
+    for i, part in enumerate(spec.parts):
+        # Parts of the same kind differ by their seeds.
+        seed = int(np.random.SeedSequence([work.seed, i]).generate_state(1)[0])
+        parts.append(phase_frames(part, count, replace(work.part(i, len(spec.parts)), seed=seed)))
     for frames in zip(*parts, strict=True):
         both = list(zip(spec.parts, frames, strict=True))
         total = superpose(work.camera.panel, *(one.phase for part, one in both if part.smooth))
         for part, one in both:
             total = total if part.smooth else total + one.phase
         yield PhaseFrame(total, max([spec.orders, *(one.orders for one in frames)]))
-
-
-def _part_seed(work: PatternContext, number: int) -> int:
-    """Return a seed for one part of a sum; parts of the same kind thus differ."""
-    return int(np.random.SeedSequence([work.seed, number]).generate_state(1)[0])

@@ -27,41 +27,26 @@ from optics.progress import Progress
 from optics.slm import grey_to_phase
 from optics.threads import single_threaded
 
-
-@dataclass(frozen=True)
-class BeamPictureSettings:
-    """Tune the two pictures of a beam: from panel to sensor, and around the sensor. All chosen.
-
-    samples: across the beam. An odd number has one sample on the axis.
-    lowest_ratio: lowest irradiance shown around the sensor, over the highest there.
-    dimmest: lowest irradiance shown from panel to sensor, over that on the panel. It isn't relative
-    to the focus, which is so much brighter that nothing else would be seen.
-    room: half height of a picture over half the widest object in it.
-    focal_depths: depths shown on each side of the sensor, in depths of focus λ N².
-    defocus_margin: depths shown on each side of the sensor, at least, over the distance from the
-    sensor to the plane where the object is in focus.
-    beyond: depths shown behind the sensor, over the distance from panel to sensor.
-    """
-
-    samples: int = 481
-    lowest_ratio: float = 1e-4
-    dimmest: float = 1e-2
-    room: float = 1.15
-    focal_depths: float = 12.0
-    defocus_margin: float = 3.0
-    beyond: float = 0.12
-
-
-_SETTINGS = BeamPictureSettings()
+# All chosen.
+_SAMPLES = 481  # across the beam; an odd number has one sample on the axis
+_DIMMEST_RATIO = 1e-4  # lowest irradiance shown around the sensor, over the highest there
+_DIMMEST = 1e-2
+"""Lowest irradiance shown from panel to sensor, over that on the panel: the focus is so much
+brighter that nothing else would be seen beside it."""
+_ROOM = 1.15  # half height of a picture over half the widest object in it
+_FOCAL_DEPTHS = 12.0  # depths shown on each side of the sensor, in depths of focus λ N²
+_DEFOCUS_MARGIN = 3.0
+"""Depths shown on each side of the sensor, at least, over the distance from the sensor to the plane
+where the object is in focus."""
+_BEYOND = 0.12  # depths shown behind the sensor, over the distance from panel to sensor
 
 
 @dataclass(frozen=True)
 class BeamRequest:
     """The options of `labapp beam`, in SI units.
 
-    pattern: file of grey levels for the panel; None leaves the panel neutral.
-    field: position (y, x) of the point's image on the sensor.
-    slices: number of depths in each of the two pictures.
+    pattern: grey levels of the panel, which is neutral without. field: position (y, x) of the
+    point's image on the sensor. slices: depths in each of the two pictures.
     """
 
     camera: Camera
@@ -76,8 +61,7 @@ class BeamRequest:
 class AxialSection:
     """Irradiance in a section along the axis, (depths, places).
 
-    depths: from the panel, metres.
-    places: across the axis, metres.
+    Depths are from the panel, and places across the axis, both in metres.
     """
 
     title: str
@@ -91,83 +75,61 @@ def draw_beam(request: BeamRequest, path: Path) -> None:
     """Compute a beam's irradiance along the axis, and write its picture."""
     if not 2 <= request.slices <= 5000:
         raise UserError(f"--slices {request.slices}: give 2 to 5000.")
-    phase = _phase(request)
+    panel, phase = request.camera.panel, None
+    if request.pattern is not None:
+        grey = torch.from_numpy(read_grey_pattern(request.pattern, panel))
+        phase = grey_to_phase(panel, grey, request.wavelength)
     with terminal_progress() as progress:
-        whole = _compute_section(
-            request,
-            phase,
-            _panel_to_sensor_bounds(request.camera, request.field),
-            progress.part(0.0, 0.5),
-        )
-        focus = _compute_section(
-            request, phase, _near_sensor_bounds(request), progress.part(0.5, 1.0)
-        )
+        whole = _panel_to_sensor(request, phase, progress.part(0.0, 0.5))
+        focus = _around_sensor(request, phase, progress.part(0.5, 1.0))
     write_atomically(path, figure_to_png(_picture(request, whole, focus)))
     out.print(f"wrote {path}")
 
 
-def _phase(request: BeamRequest) -> torch.Tensor | None:
-    """Return the panel's phase; None for a neutral panel."""
-    if request.pattern is None:
-        return None
-    panel = request.camera.panel
-    grey = torch.from_numpy(read_grey_pattern(request.pattern, panel))
-    phase: torch.Tensor = grey_to_phase(panel, grey, request.wavelength)
-    return phase
-
-
-@dataclass(frozen=True)
-class _SectionBounds:
-    """The extent of a picture in metres: depths from the panel, middle and half height."""
-
-    title: str
-    depths: tuple[float, float]
-    middle: float
-    half: float
-
-
-def _panel_to_sensor_bounds(camera: Camera, field: tuple[float, float]) -> _SectionBounds:
-    panel, lens = camera.panel, camera.lens
+def _panel_to_sensor(
+    request: BeamRequest, phase: torch.Tensor | None, progress: Progress
+) -> AxialSection:
+    panel, lens = request.camera.panel, request.camera.lens
     wide = max(panel.shape[1] * panel.pitch, lens.stop_diameter) / 2
-    way = camera.separation + lens.image_distance
-    end = way * (1 + _SETTINGS.beyond)
-    return _SectionBounds(
-        "From the panel to the sensor",
-        (end * 1e-4, end),
-        0.0,
-        _SETTINGS.room * wide + abs(field[1]),
-    )
+    way = request.camera.separation + lens.image_distance
+    end = way * (1 + _BEYOND)
+    depths = np.linspace(end * 1e-4, end, request.slices)
+    across = _line_across(0.0, _ROOM * wide + abs(request.field[1]))
+    return _section("From the panel to the sensor", request, phase, depths, across, progress)
 
 
-def _near_sensor_bounds(request: BeamRequest) -> _SectionBounds:
-    """Return the extent of the picture around the sensor.
-
-    The picture shows some depths of focus, or more if the object is farther out of focus.
-    """
+def _around_sensor(
+    request: BeamRequest, phase: torch.Tensor | None, progress: Progress
+) -> AxialSection:
+    """Compute some depths of focus, or more if the object is farther out of focus."""
     camera, lens = request.camera, request.camera.lens
     sensor = camera.separation + lens.image_distance
     vergence = 1 / lens.focal_length - 1 / (request.distance + camera.separation)
     image = camera.separation + 1 / vergence if vergence > 0 else math.inf
     number = lens.image_distance / lens.stop_diameter
-    half = _SETTINGS.focal_depths * request.wavelength * number**2
+    half = _FOCAL_DEPTHS * request.wavelength * number**2
     if math.isfinite(image):
-        half = max(half, _SETTINGS.defocus_margin * abs(image - sensor))
+        half = max(half, _DEFOCUS_MARGIN * abs(image - sensor))
     half = min(half, 0.5 * lens.image_distance)
     wide = max(half / number / 2, 30 * request.wavelength * number)
-    return _SectionBounds(
-        "Around the sensor",
-        (sensor - half, sensor + half),
-        request.field[1],
-        _SETTINGS.room * wide,
-    )
+    depths = np.linspace(sensor - half, sensor + half, request.slices)
+    across = _line_across(request.field[1], _ROOM * wide)
+    return _section("Around the sensor", request, phase, depths, across, progress)
 
 
-def _compute_section(
-    request: BeamRequest, phase: torch.Tensor | None, box: _SectionBounds, progress: Progress
+def _line_across(middle: float, half: float) -> Plane:
+    """Return samples along x around `middle`, to both sides as far as `half`, in metres."""
+    return Plane((1, _SAMPLES), (half, 2 * half / (_SAMPLES - 1)), (0.0, middle))
+
+
+def _section(
+    title: str,
+    request: BeamRequest,
+    phase: torch.Tensor | None,
+    depths: NDArray[np.float64],
+    across: Plane,
+    progress: Progress,
 ) -> AxialSection:
-    depths = np.linspace(*box.depths, request.slices)
-    samples = _SETTINGS.samples
-    across = Plane((1, samples), (box.half, 2 * box.half / (samples - 1)), (0.0, box.middle))
     light = beam_irradiance(
         request.camera,
         phase,
@@ -179,18 +141,17 @@ def _compute_section(
         progress=progress,
     )
     places = across.coordinates(1).numpy()
-    return AxialSection(box.title, depths, places, np.asarray(light, dtype=np.float64))
+    return AxialSection(title, depths, places, np.asarray(light, dtype=np.float64))
 
 
 def _picture(request: BeamRequest, whole: AxialSection, focus: AxialSection) -> Figure:
     figure = Figure(figsize=(14, 8.5), dpi=110, layout="constrained")
     figure.suptitle(_heading(request), fontsize=12)
     top, bottom = figure.subplots(2, 1)
-    _draw(top, whole, 1e3, "mm", _SETTINGS.dimmest)
-    _draw(bottom, focus, 1e6, "µm", _SETTINGS.lowest_ratio * float(focus.light.max()))
+    _draw(top, whole, 1e3, "mm", _DIMMEST)
+    _draw(bottom, focus, 1e6, "µm", _DIMMEST_RATIO * float(focus.light.max()) or _DIMMEST)
     _draw_elements(top, request, whole)
-    sensor = request.camera.separation + request.camera.lens.image_distance
-    _mark(bottom, sensor, "sensor")
+    _mark_sensor(bottom, request.camera)
     return figure
 
 
@@ -209,7 +170,6 @@ def _heading(request: BeamRequest) -> str:
 
 
 def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: float) -> None:
-    dimmest = dimmest or _SETTINGS.dimmest
     brightest = max(float(stretch.light.max()), 10 * dimmest)
     shown = np.maximum(stretch.light.T, dimmest)
     image = axes.pcolormesh(
@@ -221,9 +181,7 @@ def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: fl
         shading="nearest",
         rasterized=True,
     )
-    axes.set_title(stretch.title)
-    axes.set_xlabel("mm behind the panel")
-    axes.set_ylabel(f"x, {name}")
+    axes.set(title=stretch.title, xlabel="mm behind the panel", ylabel=f"x, {name}")
     assert axes.figure is not None
     axes.figure.colorbar(image, ax=axes, label="light per area, over that on the panel", pad=0.01)
 
@@ -239,7 +197,7 @@ def _draw_elements(axes: Axes, request: BeamRequest, stretch: AxialSection) -> N
     at = 1e3 * camera.separation
     for sign in (-1, 1):
         line([at, at], [sign * radius, sign * max(edge, radius)], color="white")
-    _mark(axes, camera.separation + lens.image_distance, "sensor")
+    _mark_sensor(axes, camera)
     style: dict[str, Any] = {"color": "white", "fontsize": 9, "va": "bottom"}
     axes.text(1e3 * stretch.depths[0], -edge, " panel", **style)
     if camera.separation:
@@ -247,7 +205,8 @@ def _draw_elements(axes: Axes, request: BeamRequest, stretch: AxialSection) -> N
     axes.set_ylim(-edge, edge)
 
 
-def _mark(axes: Axes, depth: float, name: str) -> None:
-    axes.axvline(1e3 * depth, color="white", linewidth=0.8, linestyle="--")
+def _mark_sensor(axes: Axes, camera: Camera) -> None:
+    depth = 1e3 * (camera.separation + camera.lens.image_distance)
+    axes.axvline(depth, color="white", linewidth=0.8, linestyle="--")
     low = axes.get_ylim()[0]
-    axes.text(1e3 * depth, low, f" {name}", color="white", fontsize=9, va="bottom")
+    axes.text(depth, low, " sensor", color="white", fontsize=9, va="bottom")

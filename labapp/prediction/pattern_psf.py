@@ -18,9 +18,6 @@ from optics.slm import Modulator
 USUAL_TOLERANCE = 1e-3
 """Relative L2 error of a PSF for which no other one is asked."""
 
-Exposure = tuple[int, float, torch.Tensor]
-"""A frame's index, its share of the exposure, and the panel's modulation during that share."""
-
 
 def predicted_psf(
     camera: Camera,
@@ -54,7 +51,7 @@ def mean_psf(
 ) -> torch.Tensor:
     """Return what predicted_psf() does, with an operator that was planned with unmodulated=0."""
     each = len(greys) // moments
-    exposures = _report_progress(_exposures(modulator, greys), len(greys), progress or Progress())
+    exposures = _exposures(modulator, greys, progress or Progress())
     parts = []
     for _, group in itertools.groupby(exposures, lambda exposure: exposure[0] // each):
         seen = ((weight * moments, modulation) for _, weight, modulation in group)
@@ -62,18 +59,19 @@ def mean_psf(
     return torch.stack(parts)
 
 
-def _exposures(modulator: Modulator, greys: torch.Tensor) -> Iterator[Exposure]:
-    """Yield the exposures to average: a still pattern's own, or those of a video's period."""
+def _exposures(
+    modulator: Modulator, greys: torch.Tensor, progress: Progress
+) -> Iterator[tuple[int, float, torch.Tensor]]:
+    """Yield the exposures to average: a still pattern's own, or those of a video's period.
+
+    Each is a frame's index, its share of the exposure, and the panel's modulation during it.
+    """
+    shown: Iterator[tuple[int, float, torch.Tensor]]
     if len(greys) == 1:
-        for weight, modulation in modulator.still_fields(greys[0]):
-            yield 0, weight, modulation
-        return
-    yield from modulator.video_cycle_fields(modulator.phase(greys), 1 / modulator.panel.frame_rate)
-
-
-def _report_progress(
-    exposures: Iterator[Exposure], frames: int, progress: Progress
-) -> Iterator[Exposure]:
-    for exposure in exposures:
-        progress.report(exposure[0] / frames, f"predicting the PSF, frame {exposure[0] + 1}")
+        shown = ((0, *field) for field in modulator.still_fields(greys[0]))
+    else:
+        frame_time = 1 / modulator.panel.frame_rate
+        shown = modulator.video_cycle_fields(modulator.phase(greys), frame_time)
+    for exposure in shown:
+        progress.report(exposure[0] / len(greys), f"predicting the PSF, frame {exposure[0] + 1}")
         yield exposure

@@ -26,7 +26,7 @@ from optics.camera import Camera
 from optics.camera.pupil import share_through_stop
 from optics.psf import PSFOperator
 from optics.psf.behind_modulator import modulated_psf
-from optics.slm import Modulator, Panel
+from optics.slm import Modulator
 from optics.threads import single_threaded
 
 
@@ -34,15 +34,11 @@ from optics.threads import single_threaded
 class PSFRequest:
     """The options of `labapp psf`.
 
-    case: lens, object and samples of the PSF.
-    tol: relative L2 error that is accepted.
-    points: whether to compute the irradiance at pixel centres instead of the light on whole pixels.
-    method: name of the method; None for the best one.
-    memory: bytes that may be used.
-    pattern: picture of grey levels on the camera's panel.
-    field: position (y, x) of the point's image on the sensor, from the axis, metres.
-    sphere: whether the object's wave is an exact sphere instead of a parabola.
-    seconds: processor seconds that planning and the PSF may take.
+    tol: relative L2 error that is accepted. points: whether to compute the irradiance at pixel
+    centres instead of the light on whole pixels. method: None for the best one. memory: bytes that
+    may be used. pattern: grey levels of the panel. field: position (y, x) of the point's image on
+    the sensor, metres from the axis. sphere: whether the object's wave is an exact sphere instead
+    of a parabola. seconds: of processor time that planning and the PSF may take.
     """
 
     case: LensCase
@@ -75,9 +71,7 @@ class PSFRequest:
 @single_threaded
 def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool) -> None:
     """Compute a PSF, print how, and write it to a file with a picture beside it."""
-    if request.camera is None:
-        _require_lens_alone(request)
-    grey = None if request.camera is None else _panel_greys(request.pattern, request.camera.panel)
+    grey = _panel_greys(request)
     with terminal_progress() as progress:
         speed = machine_speed(progress)
     started = time.process_time()
@@ -133,20 +127,22 @@ def _plan(
     return operator, lambda: modulated_psf(operator, modulator, exposures).numpy()
 
 
-def _require_lens_alone(request: PSFRequest) -> None:
-    """Raise UserError for options that have no meaning for a lens without a panel."""
+def _panel_greys(request: PSFRequest) -> NDArray[np.uint8] | None:
+    """Read the panel's grey levels from a picture, all 0 without one; None for a lens alone.
+
+    Raises UserError for options that have no meaning for a lens without a panel.
+    """
+    if request.camera is not None:
+        panel = request.camera.panel
+        if request.pattern is None:
+            return np.zeros(panel.shape, dtype=np.uint8)
+        return read_grey_pattern(request.pattern, panel)
     for name in request.point_options:
         raise UserError(
             f"--{name}: a lens alone gives the same PSF all over the field, and has no panel for "
             "a wave to fall on. Give the panel before it as well: --camera FILE."
         )
-
-
-def _panel_greys(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
-    """Read the panel's grey levels from a picture; all 0 without one."""
-    if pattern is None:
-        return np.zeros(panel.shape, dtype=np.uint8)
-    return read_grey_pattern(pattern, panel)
+    return None
 
 
 def _light_budget(request: PSFRequest) -> dict[str, Any]:
@@ -164,7 +160,7 @@ def _light_budget(request: PSFRequest) -> dict[str, Any]:
 def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:
     """Return the rows of the printed table."""
     spent = 1e3 * (account.cpu_spent or 0)
-    return [
+    rows = [
         ["method", account.method],
         ["sampling", account.sampling],
         ["precision", account.precision],
@@ -175,29 +171,25 @@ def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:
         ["planning, first call", f"{data['cpu_plan_s']:.2f} s of processor time"],
         ["every further call", f"{spent:.1f} ms (predicted {1e3 * account.cpu_predicted:.1f})"],
         ["memory", f"{account.bytes / 1e6:.1f} MB"],
-        *_light_rows(data),
+    ]
+    if "through_stop" in data:
+        passing = f"{data['through_stop']:.2%}, by rays".replace("%", " %")
+        rows.append(["light through the stop", passing])
+        rows.append(["unmodulated light", f"{data['unmodulated']:.2%}".replace("%", " %")])
+    strength = data.get("interference")
+    if strength is not None:
+        # Strengths up to 1e-9 are rounding errors.
+        left_out = (
+            f"{strength:.2g} √(modulated × unmodulated PSF) at most"
+            if strength > 1e-9
+            else "none: the two are polarised across each other"
+        )
+        rows.append(["interference left out", left_out])
+    return [
+        *rows,
         ["light in the window", f"{data['sum']:.4%}".replace("%", " %")],
         ["brightest pixel", f"{data['peak']:.4%}".replace("%", " %")],
     ]
-
-
-def _light_rows(data: dict[str, Any]) -> list[list[str]]:
-    if "through_stop" not in data:
-        return []
-    rows = [
-        ["light through the stop", f"{data['through_stop']:.2%}, by rays".replace("%", " %")],
-        ["unmodulated light", f"{data['unmodulated']:.2%}".replace("%", " %")],
-    ]
-    strength = data["interference"]
-    if strength is None:
-        return rows
-    # Strengths up to 1e-9 are rounding errors.
-    left_out = (
-        f"{strength:.2g} √(modulated × unmodulated PSF) at most"
-        if strength > 1e-9
-        else "none: the two are polarised across each other"
-    )
-    return [*rows, ["interference left out", left_out]]
 
 
 def _write(path: Path, psf: NDArray[Any]) -> None:
@@ -207,11 +199,8 @@ def _write(path: Path, psf: NDArray[Any]) -> None:
     """
     ending = path.suffix.lower()
     if ending == ".png":
-        write_atomically(path, mark_drawing(encode_image(path, _log_picture(psf))))
+        share = np.clip(psf / max(float(psf.max()), np.finfo(np.float64).tiny), 1e-5, 1)
+        grey = (255 * (1 + np.log10(share) / 5)).round().astype(np.uint8)
+        write_atomically(path, mark_drawing(encode_image(path, grey)))
         return
     write_atomically(path, encode_image(path, psf.astype(np.float32) if ending == ".tiff" else psf))
-
-
-def _log_picture(psf: NDArray[Any]) -> NDArray[np.uint8]:
-    share = np.clip(psf / max(float(psf.max()), np.finfo(np.float64).tiny), 1e-5, 1)
-    return (255 * (1 + np.log10(share) / 5)).round().astype(np.uint8)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from labapp.bench.opening import Bench
-from labapp.calibration.trial_exposures import limit_exposures, trial_plan
+from labapp.calibration.exposure_search import limit_exposures, trial_plan
 from labapp.common.errors import UserError
 from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.runner import run_plan

@@ -96,7 +96,7 @@ def prompt_places() -> Iterator[tuple[str, Field, Take]]:
 
 def list_places() -> Iterator[tuple[str, Field, int, Callable[[str], Sequence[float]]]]:
     """Options that take lists, how many numbers each, and what they make of a text."""
-    from labapp.cli.bracket_command import _read_range
+    from labapp.cli.brackets import _read_range
     from labapp.pictures.merging.exposure_words import parse_exposures
     from labapp.prediction.lens_options import read_aberrations, read_centre
     from labapp.refining.refinement_request import parse_milliseconds

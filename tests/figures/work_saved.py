@@ -17,8 +17,11 @@ from labapp.prediction.simulating.all_effects import (
     render_all_effects,
     render_by_plan,
 )
-from labapp.prediction.simulating.picture_request import PictureRequest, prepare_bench_scene
-from labapp.prediction.simulating.small_bench import modified_bench_setup
+from labapp.prediction.simulating.picture_request import (
+    PictureRequest,
+    modified_bench_setup,
+    prepare_bench_scene,
+)
 from optics.light import Band
 from optics.progress import Progress
 from optics.threads import single_threaded

@@ -24,8 +24,11 @@ from labapp.calibration.camera.calibrating import (
     prepare_camera_plan,
 )
 from labapp.calibration.camera.exposure_search import FlatTrial, judge_trials
-from labapp.calibration.camera.plan_design import build_camera_plan, light_exposures
-from labapp.calibration.camera.request import CameraRequest
+from labapp.calibration.camera.plan_design import (
+    CameraRequest,
+    build_camera_plan,
+    light_exposures,
+)
 from labapp.calibration.camera.result_report import camera_advice, camera_rows, defect_rows
 from labapp.common.errors import UserError
 from labapp.files.bench_file import read_bench

@@ -10,8 +10,11 @@ from labapp.common.errors import UserError
 from labapp.files.file_lookup import bundled_scenes
 from labapp.files.reading import bundled_path
 from labapp.prediction.simulating.all_effects import render_all_effects, render_by_plan
-from labapp.prediction.simulating.picture_request import PictureRequest, prepare_bench_scene
-from labapp.prediction.simulating.small_bench import small_bench_setup
+from labapp.prediction.simulating.picture_request import (
+    PictureRequest,
+    prepare_bench_scene,
+    small_bench_setup,
+)
 from optics.progress import Progress
 from simulator.world import World
 

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench
-from labapp.calibration.camera.request import NEUTRAL_NAME, CameraRequest
-from labapp.calibration.trial_exposures import limit_exposures, trial_plan
+from labapp.calibration.camera.plan_design import CameraRequest
+from labapp.calibration.exposure_search import limit_exposures, take_trials, trial_plan
+from labapp.calibration.request import NEUTRAL_NAME
 from labapp.common.errors import UserError
 from labapp.files.quantities import round_exposure
-from labapp.runs.acquisition.attendance import AskOperator, Attendance
-from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.acquisition.attendance import AskOperator
 from labapp.runs.record.reader import Record
-from labapp.runs.run_commands import require_complete
 from optics.camera import Sensor
 from optics.progress import Progress
 
@@ -61,22 +60,14 @@ class FlatTrial:
     evenness: float = 1.0
 
 
-@dataclass(frozen=True)
-class LongestExposure:
-    """The longest exposure in seconds, and the number of trial frames that it took."""
-
-    exposure: float
-    trials: int
-
-
 def find_longest_exposure(
     bench: Bench,
     request: CameraRequest,
     folder: Path,
     progress: Progress,
     ask: AskOperator | None,
-) -> LongestExposure:
-    """Find the exposure at which all pixels are full, by trials on the flat target.
+) -> tuple[float, int]:
+    """Find the exposure at which all pixels are full, in seconds, and the number of trial frames.
 
     Raises UserError if the target is too bright or too dim for the camera's exposures.
     """
@@ -86,33 +77,22 @@ def find_longest_exposure(
     for number in range(_MOST_ROUNDS):
         path = folder / f"trial-{number + 1}.h5"
         part = progress.part(number / _MOST_ROUNDS, (number + 1) / _MOST_ROUNDS)
-        plan = trial_plan(
-            "Trial of the exposure that fills the pixels", NEUTRAL_NAME,
-            {(request.flat, request.wavelength_nm): wanted},
-        )  # fmt: skip
-        outcome = run_plan(
-            bench, plan, path, Attendance(progress=part, ask=ask), source="trial", force=True
-        )
-        require_complete(outcome)
-        trials += _read_trials(path, sensor)
+        lit = {(request.flat, request.wavelength_nm): wanted}
+        plan = trial_plan("Trial of the exposure that fills the pixels", NEUTRAL_NAME, lit)
+        take_trials(bench, plan, path, part, ask)
+        with Record(path) as record:
+            for index, exposure in enumerate(record.column("exposure").tolist()):
+                trials.append(_measure_trial(exposure, record.image(index), sensor))
         answer = judge_trials(trials, sensor)
         if isinstance(answer, float):
             progress.report(1.0, "exposure")
-            return LongestExposure(answer, len(trials))
+            return answer, len(trials)
         wanted = answer
     tried = ", ".join(f"{one.exposure * 1e3:g}" for one in trials)
     raise UserError(
         f"no exposure of {request.flat!r} is known to fill the pixels; tried {tried} ms. Check "
         "that the lamp is steady, or give --flat-ms."
     )
-
-
-def _read_trials(path: Path, sensor: Sensor) -> list[FlatTrial]:
-    found = []
-    with Record(path) as record:
-        for index, exposure in enumerate(record.column("exposure").tolist()):
-            found.append(_measure_trial(exposure, record.image(index), sensor))
-    return found
 
 
 def _measure_trial(exposure: float, numbers: NDArray[np.uint16], sensor: Sensor) -> FlatTrial:

@@ -1,21 +1,60 @@
-"""The plan that takes pairs of flat and of dark frames."""
+"""What a camera is to be measured for, and the plan that takes pairs of flat and of dark frames."""
 
 from __future__ import annotations
 
-import math
-from typing import Any
+import json
+from typing import Annotated, Any
 
-from labapp.calibration.camera.request import NEUTRAL_NAME, REQUEST_KEY, CameraRequest
+from pydantic import Field
+
+from labapp.calibration.plan_design import spread_order
+from labapp.calibration.request import NEUTRAL_NAME
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.files.quantities import exposure_in_ms
+from labapp.files.quantities import Amount, Nanometres, Positive, exposure_in_ms
+from labapp.files.reading import FileModel, validate
+from labapp.runs.record.reader import Record
 from optics.camera import Sensor
+from optics.measuring.paired_frames import MIN_EXPOSURES
+
+_REQUEST_KEY = "camera_request"
+"""Key of a plan's metadata under which the request is stored as JSON."""
 
 _DARK_SHARES = (0.25, 0.5, 0.75, 1.0)
 """Exposures of darkness alone, in shares of the longest: a line needs several. Chosen."""
 
-_GOLDEN = 0.382
-"""Share of all exposures between one and the next: a lamp's drift isn't taken for a bend then."""
+
+class CameraRequest(FileModel):
+    """Hold what a user asks a camera's calibration to measure.
+
+    flat, dark: names of the targets. wavelength_nm: of the filter. exposures: number of exposure
+    times of the light, by default as many as EMVA 1288 asks for. flat_ms: the longest, at which all
+    pixels are full; found by trial if None. dark_s: longest exposure of darkness; by default a dark
+    current of an electron per second shows to a percent on a megapixel. trials: trial frames that
+    were taken.
+    """
+
+    flat: str = "flat"
+    dark: str = "dark"
+    wavelength_nm: Nanometres = 532.0
+    exposures: Annotated[int, Field(ge=MIN_EXPOSURES, le=1000)] = 50
+    flat_ms: Positive | None = None
+    dark_s: Amount = 2.0
+    trials: Annotated[int, Field(ge=0)] = 0
+
+
+def camera_request_of(record: Record) -> CameraRequest | None:
+    """Return the request that a record's plan carries; None for another plan's record."""
+    text = record.plan.metadata.get(_REQUEST_KEY)
+    if not isinstance(text, str):
+        return None
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        raise UserError(
+            f"{record.path}: its request is damaged: {error}. Run its plan again."
+        ) from error
+    return validate(data, CameraRequest, f"{record.path}: {_REQUEST_KEY}")
 
 
 def light_exposures(request: CameraRequest, sensor: Sensor) -> list[float]:
@@ -41,10 +80,7 @@ def light_exposures(request: CameraRequest, sensor: Sensor) -> list[float]:
             f"{count} exposures up to {longest:g} ms are less than a microsecond apart. Dim the "
             "light, or give fewer --exposures."
         )
-    stride = max(1, round(_GOLDEN * count))
-    while math.gcd(stride, count) > 1:
-        stride += 1
-    return [evenly[n * stride % count] for n in range(count)]
+    return [evenly[n] for n in spread_order(count)]
 
 
 def build_camera_plan(request: CameraRequest, sensor: Sensor) -> PlanFile:
@@ -60,7 +96,7 @@ def build_camera_plan(request: CameraRequest, sensor: Sensor) -> PlanFile:
         {
             "version": 1,
             "title": "Calibration of the camera",
-            "metadata": {REQUEST_KEY: request.model_dump_json()},
+            "metadata": {_REQUEST_KEY: request.model_dump_json()},
             "patterns": {NEUTRAL_NAME: {"kind": "constant", "grey": 0}},
             "acquire": [
                 _block(request.dark, "dark", request.wavelength_nm, dark),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.calibration.camera.request import CameraRequest, camera_request_of
+from labapp.calibration.camera.plan_design import CameraRequest, camera_request_of
 from labapp.common.errors import UserError
 from labapp.common.plain_text import shell_word
 from labapp.files.plan_file import ROLES
@@ -52,10 +52,11 @@ def read_pairs(record: Record, flat: str | None = None) -> RecordedPairs:
             f"{record.path}: the run is {record.state}, and a calibration needs all of its frames. "
             f"Take them with: labapp resume {shell_word(record.path)}"
         )
-    request = camera_request_of(record) or CameraRequest()
+    own = camera_request_of(record)
+    request = own or CameraRequest()
     targets = np.array(record.target_names)[record.column("target")]
     dark = (record.column("role") == ROLES.index("dark")) | (targets == request.dark)
-    flat = _flat_target(record, targets[~dark], flat)
+    flat = _flat_target(record, targets[~dark], own.flat if own and flat is None else flat)
     lit = ~dark & (targets == flat)
     wavelength = _require_alike(record, lit, flat)
     chosen = np.flatnonzero(lit | dark).tolist()
@@ -67,13 +68,14 @@ def read_pairs(record: Record, flat: str | None = None) -> RecordedPairs:
         )
     shape = record.frame_shape
     exposures = _exposures(record, lit | dark)
+    filters = sensor.colour.pattern if sensor.colour else ("M",)
     try:
         frames = PairedFrames(
             [RecordedFrame(record, index, shape) for index in chosen],
             exposures[chosen],
             lit[chosen],
             sensor.build().top_number,
-            _filter_period(sensor),
+            (len(filters), len(filters[0])),
             record.column("time")[chosen],
         )
     except ValueError as error:
@@ -86,14 +88,13 @@ def _flat_target(record: Record, names: NDArray[Any], wanted: str | None) -> str
     there = sorted(set(names.tolist()))
     if not there:
         raise UserError(f"{record.path}: all frames are dark. {_PLAN_HINT}.")
-    own = camera_request_of(record)
-    name = wanted or (own.flat if own else there[0])
+    name = wanted or there[0]
     if name not in there:
         raise UserError(
             f"{record.path}: has no frames of {name!r}. Name the evenly lit target with --flat, "
             f"among {', '.join(there)}."
         )
-    if wanted is None and own is None and len(there) > 1:
+    if wanted is None and len(there) > 1:
         raise UserError(
             f"{record.path}: has frames of {', '.join(there)}, of which one may be evenly lit. "
             "Name it with --flat."
@@ -125,10 +126,3 @@ def _exposures(record: Record, chosen: NDArray[np.bool_]) -> NDArray[np.float64]
         same = chosen & (asked == time)
         real[same] = np.median(real[same])
     return np.asarray(real, dtype=np.float64)
-
-
-def _filter_period(sensor: Any) -> tuple[int, int]:
-    """Return rows and columns after which the sensor's colour filters repeat."""
-    if sensor.colour is None:
-        return 1, 1
-    return len(sensor.colour.pattern), len(sensor.colour.pattern[0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,26 +12,12 @@ from labapp.files.camera_noise_file import CameraNoiseFile, QuantityTable
 Row = list[str]
 
 
-@dataclass(frozen=True)
-class CameraAdviceLimits:
-    """Limits beyond which advice is given. All are chosen.
-
-    chi2: reduced chi-square of the photon transfer curve, between which its points scatter as they
-        should.
-    unevenness_percent: light of the brightest area over that of the dimmest, less 100.
-    jump_percent: change of the light within a pair.
-    drift_percent: change of the light over the run.
-    linearity_percent: linearity error.
-    """
-
-    chi2: tuple[float, float] = (0.7, 1.4)
-    unevenness_percent: float = 10.0
-    jump_percent: float = 1.0
-    drift_percent: float = 2.0
-    linearity_percent: float = 1.0
-
-
-_LIMITS = CameraAdviceLimits()
+# Limits beyond which advice is given. All are chosen.
+_CHI2 = (0.7, 1.4)  # reduced, between which points of the curve scatter as they should
+_MOST_UNEVENNESS = 10.0  # percent of the brightest area over the dimmest, less 100
+_MOST_JUMP = 1.0  # percent by which the light changes within a pair
+_MOST_DRIFT = 2.0  # percent by which the light changes over the run
+_MOST_LINEARITY_ERROR = 1.0  # percent
 
 _LIMIT_WORDS = {"converter": "the converter's end", "well": "the wells' end", None: ""}
 
@@ -105,25 +90,16 @@ def defect_rows(file: CameraNoiseFile) -> list[Row]:
     )
     off = f"{found.response_percent:g} %"
     return [
-        ["hot, by dark signal", _count(found.hot), hot],
-        ["hot, by photo-response", _count(found.bright), f"{off} above the pixels around"],
-        ["weak", _count(found.weak), f"{off} below the pixels around"],
-        ["dead", _count(found.dead), f"below {found.dead_percent:g} % of the pixels around"],
+        ["hot, by dark signal", str(len(found.hot)), hot],
+        ["hot, by photo-response", str(len(found.bright)), f"{off} above the pixels around"],
+        ["weak", str(len(found.weak)), f"{off} below the pixels around"],
+        ["dead", str(len(found.dead)), f"below {found.dead_percent:g} % of the pixels around"],
     ]
 
 
-def _count(pixels: tuple[tuple[int, int], ...]) -> str:
-    return str(len(pixels))
-
-
 def camera_advice(file: CameraNoiseFile) -> list[str]:
-    """Return what to do at the bench, in sentences."""
-    return [*_camera_advice(file), *_light_advice(file)]
-
-
-def _camera_advice(file: CameraNoiseFile) -> list[str]:
-    """Return advice on the camera and its settings."""
-    said, (low, high) = [], _LIMITS.chi2
+    """Return what to do at the bench, in sentences: on the camera's settings, then on the light."""
+    said, (low, high) = [], _CHI2
     if file.reduced_chi2 > high:
         said.append(
             f"variances scatter more than photons make them (χ² {file.reduced_chi2:.2f}): check "
@@ -146,7 +122,7 @@ def _camera_advice(file: CameraNoiseFile) -> list[str]:
             "analogue gain, if the camera has them."
         )
     error = file.linearity_error_percent
-    if error is not None and error.value > _LIMITS.linearity_percent:
+    if error is not None and error.value > _MOST_LINEARITY_ERROR:
         said.append(
             f"the signal is {error.value:.2g} % off a line on average: check that gamma is 1 and "
             "that the light is steady, or keep pixels below the bend."
@@ -157,24 +133,18 @@ def _camera_advice(file: CameraNoiseFile) -> list[str]:
             f"the dark current is known to {current.sigma:.2g} e-/s only: take longer darkness "
             "(--dark-s)."
         )
-    return said
-
-
-def _light_advice(file: CameraNoiseFile) -> list[str]:
-    """Return advice on the light."""
-    said = []
-    if file.light_unevenness_percent > _LIMITS.unevenness_percent:
+    if file.light_unevenness_percent > _MOST_UNEVENNESS:
         said.append(
             f"the light differs by {file.light_unevenness_percent:.0f} % over the sensor: "
             "saturation capacity and PRNU are less sure; defocus the target, or light it evenly."
         )
-    if file.lamp_jump_percent > _LIMITS.jump_percent:
+    if file.lamp_jump_percent > _MOST_JUMP:
         said.append(
             f"the light changed by up to {file.lamp_jump_percent:.1f} % within a pair: the gain "
             "allows for it, the linearity doesn't; use a steady lamp, or whole periods of it."
         )
     drift = file.lamp_drift_percent
-    if drift is not None and abs(drift.value) > _LIMITS.drift_percent:
+    if drift is not None and abs(drift.value) > _MOST_DRIFT:
         said.append(
             f"the lamp drifted by {drift.value:+.1f} % during the run, which is allowed for: let "
             "it warm up."

@@ -1,23 +1,27 @@
-"""Computes a pattern, predicts its PSF, writes both, and prints their quality."""
+"""Computes a pattern, predicts its PSF, writes both with a picture, and prints their quality."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import out, print_json, print_table, terminal_progress
 from labapp.common.errors import UserError
-from labapp.files.bench_file import BenchFile, read_bench
-from labapp.files.design_file import DesignContents, write_design
+from labapp.common.figure_png import figure_to_png
+from labapp.files.bench_file import read_bench
+from labapp.files.design_file import DesignContents, Grid, write_design
 from labapp.files.output_paths import is_design
-from labapp.files.pattern_table import StillPattern, VideoPattern, pattern_data
+from labapp.files.pattern_table import pattern_data
 from labapp.files.writing import encode_image, write_atomically
-from labapp.patterns.designing.design_picture import draw_design
-from labapp.patterns.designing.design_request import DesignRequest
+from labapp.patterns.designing.kinds import DesignRequest
 from labapp.patterns.designing.pattern_design import PatternDesign, design_pattern
-from labapp.patterns.grey_levels import PatternContext
-from optics.camera import Camera
 
 
 def write_pattern(
@@ -33,24 +37,35 @@ def write_pattern(
     camera = bench.build_camera()
     try:
         with terminal_progress() as progress:
-            work = PatternContext(camera, request.seed, progress, Path())
-            made = design_pattern(
-                request.pattern,
-                request.frames,
-                request.wavelength,
-                request.side,
-                work,
-                keep_phases=is_design(path),
-            )
+            made = design_pattern(request, camera, progress, keep_phases=is_design(path))
     except ValueError as error:
         raise UserError(f"{spec.label}: {error}.") from error
     if is_design(path):
-        write_design(path, _contents(request, spec, bench, camera, made))
+        contents = DesignContents(
+            title=spec.label,
+            settings={"pattern": pattern_data(spec), "seed": request.seed},
+            bench=bench.model_dump(mode="json"),
+            wavelength=request.wavelength,
+            grey=made.greys,
+            phase=made.phases,
+            orders=made.orders,
+            frame_time=1 / camera.panel.frame_rate if request.frames > 1 else 0.0,
+            pixel_pitch=camera.panel.pitch,
+            psf=made.psf,
+            target=made.target,
+            quality=made.figures_of_merit["quality"],
+        )
+        write_design(path, contents)
     else:
         for file, grey in zip(files, made.greys, strict=True):
             write_atomically(file, encode_image(file, grey))
-    where = f"{bench.name}, {request.wavelength * 1e9:g} nm"
-    write_atomically(picture_path, draw_design(spec.label, where + _format_quality(made), made))
+    notes = f"{bench.name}, {request.wavelength * 1e9:g} nm"
+    if quality := made.figures_of_merit["quality"]:
+        notes += (
+            f", efficiency {_format_range(quality['efficiency'])}, "
+            f"speckle contrast {_format_range(quality['contrast'])}"
+        )
+    write_atomically(picture_path, _draw_design(spec.label, notes, made))
     data = {
         "pattern": spec.label,
         "files": [str(one) for one in (*files, picture_path)],
@@ -60,30 +75,8 @@ def write_pattern(
         print_json(data)
         return
     print_table(spec.label, ["", "value"], _rows(made))
-    out.print(f"wrote {_format_file_names(files)}\nwrote {picture_path}", soft_wrap=True)
-
-
-def _contents(
-    request: DesignRequest,
-    spec: StillPattern | VideoPattern,
-    bench: BenchFile,
-    camera: Camera,
-    design: PatternDesign,
-) -> DesignContents:
-    return DesignContents(
-        title=spec.label,
-        settings={"pattern": pattern_data(spec), "seed": request.seed},
-        bench=bench.model_dump(mode="json"),
-        wavelength=request.wavelength,
-        grey=design.greys,
-        phase=design.phases,
-        orders=design.orders,
-        frame_time=1 / camera.panel.frame_rate if request.frames > 1 else 0.0,
-        pixel_pitch=camera.panel.pitch,
-        psf=design.psf,
-        target=design.target,
-        quality=design.figures_of_merit["quality"],
-    )
+    written = f"{path}" if len(files) == 1 else f"{path} ... {files[-1].name}"
+    out.print(f"wrote {written}\nwrote {picture_path}", soft_wrap=True)
 
 
 def _rows(design: PatternDesign) -> list[list[str]]:
@@ -115,20 +108,73 @@ def _rows(design: PatternDesign) -> list[list[str]]:
     ]
 
 
-def _format_quality(design: PatternDesign) -> str:
-    quality = design.figures_of_merit["quality"]
-    if not quality:
-        return ""
-    return (
-        f", efficiency {_format_range(quality['efficiency'])}, "
-        f"speckle contrast {_format_range(quality['contrast'])}"
-    )
-
-
 def _format_range(values: Sequence[float]) -> str:
     low, high = f"{min(values):.3g}", f"{max(values):.3g}"
     return low if low == high else f"{low} to {high}"
 
 
-def _format_file_names(files: Sequence[Path]) -> str:
-    return str(files[0]) if len(files) == 1 else f"{files[0]} ... {files[-1].name}"
+def _draw_design(title: str, notes: str, design: PatternDesign) -> bytes:
+    """Draw a design as PNG: pattern, target, linear and logarithmic PSF of each moment.
+
+    Of a target that changes with time, at most 4 moments are drawn, among them first and last.
+    """
+    count = len(design.psf.images)
+    rows = np.unique(np.linspace(0, count - 1, min(count, 4)).round().astype(int))
+    widths = [1.78, 1.0, 1.0] if design.target is None else [1.78, 1.0, 1.0, 1.0]
+    size = (3.9 * sum(widths), 4.0 * len(rows) + 0.9)
+    figure = Figure(figsize=size, dpi=100, layout="constrained")
+    figure.suptitle(f"{title}\n{notes}", fontsize=12)
+    axes = figure.subplots(len(rows), len(widths), squeeze=False, width_ratios=widths)
+    for row, moment in zip(axes, rows, strict=True):
+        _draw_moment(list(row), design, int(moment), count)
+    return figure_to_png(figure)
+
+
+def _draw_moment(axes: list[Axes], design: PatternDesign, moment: int, count: int) -> None:
+    grey = design.greys[moment * len(design.greys) // count]
+    which = f", moment {moment + 1} of {count}" if count > 1 else ""
+    axes[0].imshow(grey, cmap="gray", interpolation="nearest")
+    axes[0].set_title(f"Pattern (grey {grey.min()} to {grey.max()}){which}")
+    axes[0].set(xticks=[], yticks=[])
+    psf, target = design.psf.images[moment], design.target
+    if target is not None:
+        _draw(axes[1], target, target.images[moment], "Target")
+        # The target is drawn over the same part of the sensor as the PSF beside it.
+        axes[1].set_xlim(*_sample_edges(design.psf.x))
+        axes[1].set_ylim(*reversed(_sample_edges(design.psf.y)))
+        axes[1].set_facecolor("black")
+    brightest = _white_level(psf, target is not None)
+    clipped = ", brighter centre clipped" if brightest < psf.max() else ""
+    _draw(axes[-2], design.psf, psf, f"Predicted PSF{clipped}", Normalize(0, brightest))
+    peak = max(float(psf.max()), np.finfo(np.float64).tiny)
+    lowest = peak * 1e-4
+    shown = np.maximum(psf, lowest)
+    _draw(axes[-1], design.psf, shown, "Predicted PSF, 4 decades", LogNorm(lowest, peak))
+
+
+def _white_level(psf: NDArray[np.float64], has_target: bool) -> float:
+    """Return the brightness that is drawn as white: the PSF's peak.
+
+    If the pattern has a target, the pixels within 4 of the axis, where unmodulated light falls, are
+    left out.
+    """
+    rest = psf.copy()
+    if has_target:
+        middle = tuple(slice(max(n // 2 - 4, 0), n // 2 + 5) for n in psf.shape)
+        rest[middle] = 0
+    return float(rest.max()) or float(psf.max()) or 1.0
+
+
+def _draw(
+    axes: Axes, grid: Grid, values: NDArray[np.float64], title: str, norm: Normalize | None = None
+) -> None:
+    (left, right), (top, bottom) = _sample_edges(grid.x), _sample_edges(grid.y)
+    extent = (left, right, bottom, top)
+    axes.imshow(values, cmap="magma", norm=norm, extent=extent, interpolation="nearest")
+    axes.set(title=title, xlabel="µm on the sensor")
+
+
+def _sample_edges(place: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the outer edges of the first and last sample in µm, from centres in metres."""
+    half = (place[-1] - place[0]) / max(len(place) - 1, 1) / 2
+    return float(place[0] - half) * 1e6, float(place[-1] + half) * 1e6

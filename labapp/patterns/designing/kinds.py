@@ -1,14 +1,17 @@
-"""Lists the kinds of patterns and targets on the command line, and reads them from KEY=VALUE."""
+"""What the command line asks of a pattern's design: its kind and KEY=VALUE texts, and options."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from labapp.common.errors import UserError
 from labapp.common.list_output import ListEntry, print_list
 from labapp.files.key_values import describe_keys, parse_key_values
-from labapp.files.pattern_table import STILL_PATTERNS, PSFPattern, StillPattern
+from labapp.files.pattern_table import STILL_PATTERNS, PSFPattern, StillPattern, VideoPattern
 from labapp.files.phase_table import PhasePattern
 from labapp.files.reading import validate
 from labapp.files.table import Table, tag_value
@@ -16,6 +19,35 @@ from labapp.files.target_table import TARGET_SHAPES
 
 TARGETS = {tag_value(one, "shape"): one for one in TARGET_SHAPES}
 _TAGS = ("kind", "shape")
+
+
+@dataclass(frozen=True)
+class DesignRequest:
+    """The options of `labapp pattern` and `labapp retrieve`.
+
+    wavelength: in metres, at which the PSF is predicted. frames: of a video; 1 for a still pattern.
+    side: of the PSF in sensor pixels; None takes the size that the target needs. Raises UserError
+    for a pattern that can't be a video.
+    """
+
+    pattern: StillPattern
+    wavelength: float
+    frames: int
+    seed: int
+    bench: Path | None
+    side: int | None
+
+    def __post_init__(self) -> None:
+        # A video that can't be is refused before anything is computed.
+        _ = self.plan_pattern
+
+    @cached_property
+    def plan_pattern(self) -> StillPattern | VideoPattern:
+        """The same pattern as a plan file has it."""
+        if self.frames == 1:
+            return self.pattern
+        video = {"kind": "video", "pattern": self.pattern, "count": self.frames}
+        return validate(video, VideoPattern, f"{self.frames} frames")
 
 
 def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillPattern:
@@ -69,11 +101,12 @@ def _values(
 
 
 def _list_entries(tables: Mapping[str, type[Table]]) -> list[ListEntry]:
+    """Return the entries, each with the first paragraph of its docstring in one line."""
     return [
-        ListEntry(name, _summary(one), describe_keys(one, _TAGS)) for name, one in tables.items()
+        ListEntry(
+            name,
+            " ".join((one.__doc__ or "").split("\n\n")[0].split()),
+            describe_keys(one, _TAGS),
+        )
+        for name, one in tables.items()
     ]
-
-
-def _summary(table: type[Table]) -> str:
-    """Return the first paragraph of a table's docstring in one line."""
-    return " ".join((table.__doc__ or "").split("\n\n")[0].split())

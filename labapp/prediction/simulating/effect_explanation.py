@@ -52,16 +52,20 @@ def explain_effects(
             progress.report(0.8, "rendering the middle with everything on")
             check = progress.raise_if_cancelled
             middle = deviation_in_the_middle(situation, plan, check=check)
+        each = seconds_per_operation(machine_speed())
         data = {
             **describe_plan(situation, plan),
-            **_predict_times(plan),
+            # Processor time of planning, as spent, and of pictures, as predicted.
+            "planning_cpu_s": plan.planning_cpu,
+            "picture_cpu_s": plan.work * each,
+            "finest_picture_cpu_s": plan.most_work * each,
             "audit": [_as_data(one) for one in found],
             "middle": asdict(middle) if with_check else None,
         }
     if as_json:
         print_json(data)
     else:
-        print_plan(data)
+        _print_plan(data)
         if with_audit:
             _print_audit(found)
         if with_check:
@@ -74,36 +78,21 @@ def explain_effects(
 
 
 def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
-    """Return an effect plan and its situation as plain data."""
+    """Return an effect plan and its situation as plain data.
+
+    "without" has the relative error of the picture without each effect, estimated.
+    """
+    taken = {one.effect for one in plan.decisions}
     return {
         "target": s.target.name,
         "wavelength_nm": s.wavelength * 1e9,
         "exposure_ms": s.exposure * 1e3,
         **plan.as_data(),
-        "without": changes_if_left_out(s, plan),
+        "without": {one.name: one.estimated_error(s, 0) for one in EFFECTS if one.name in taken},
     }
 
 
-def _predict_times(plan: EffectPlan) -> dict[str, float]:
-    """Return processor seconds: of planning, as spent, and of pictures, as predicted.
-
-    The pictures are that of the plan, and that with all effects at their finest.
-    """
-    each = seconds_per_operation(machine_speed())
-    return {
-        "planning_cpu_s": plan.planning_cpu,
-        "picture_cpu_s": plan.work * each,
-        "finest_picture_cpu_s": plan.most_work * each,
-    }
-
-
-def changes_if_left_out(s: Situation, plan: EffectPlan) -> dict[str, float]:
-    """Estimate the relative error of the picture without each effect."""
-    taken = {one.effect for one in plan.decisions}
-    return {one.name: one.estimated_error(s, 0) for one in EFFECTS if one.name in taken}
-
-
-def print_plan(data: dict[str, Any]) -> None:
+def _print_plan(data: dict[str, Any]) -> None:
     """Print an effect plan as a table, and its error and work as text."""
     rows = [
         [
@@ -122,7 +111,7 @@ def print_plan(data: dict[str, Any]) -> None:
     )
     print_table(heading, ["effect", "level", "left ", "if off ", "work ", "why"], rows)
     share = data["work"] / data["most_work"] if data["most_work"] else 1.0
-    known = _PROOF[data["decided_by"]]
+    known = {"bound": "at most", "estimate": "as estimated"}[data["decided_by"]]
     out.print(
         f"left: relative error of picture or noise that a level leaves, {known}. if off: what the "
         "effect is worth, about. work: its part of the picture's, and what its finest level would "
@@ -133,16 +122,11 @@ def print_plan(data: dict[str, Any]) -> None:
         f"The picture is within {_share(data['error'])} of everything on, {known}, for {share:.1%} "
         "of its work."
     )
-    if "picture_cpu_s" in data:
-        out.print(
-            f"Deciding took {data['planning_cpu_s']:.2g} s of processor time; the picture takes "
-            f"about {data['picture_cpu_s']:.2g} s, and everything on "
-            f"{data['finest_picture_cpu_s']:.2g} s."
-        )
-
-
-_PROOF = {"bound": "at most", "estimate": "as estimated"}
-"""What the table says of errors, by what decided."""
+    out.print(
+        f"Deciding took {data['planning_cpu_s']:.2g} s of processor time; the picture takes "
+        f"about {data['picture_cpu_s']:.2g} s, and everything on "
+        f"{data['finest_picture_cpu_s']:.2g} s."
+    )
 
 
 def _cost(one: dict[str, Any], whole: float) -> str:

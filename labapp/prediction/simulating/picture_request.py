@@ -8,9 +8,11 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from labapp.bench.opening import Bench, BenchFiles, BenchSetup, open_bench
+from labapp.bench.opening import Bench, BenchFiles, BenchSetup, open_bench, read_scene
 from labapp.common.errors import UserError
+from labapp.files.bench_file import BenchFile
 from labapp.files.grey_table import read_grey_pattern
+from labapp.files.reading import read_file
 from labapp.files.scene_file import SceneFile
 from optics.progress import Progress
 from simulator.effects.registry import EFFECTS
@@ -18,39 +20,30 @@ from simulator.planning.effect import DecidedBy
 from simulator.situation import Situation
 from simulator.world import World
 
+# The exposure of a picture that is requested without one. All values are chosen.
+_FILL = 0.5  # electrons of the brightest pixel, over the full well
+_TRIAL_S = 1e-3  # exposure of the trial picture that measures the scene's brightness
+_TRIAL_TOL = 0.1  # relative error of the trial picture
+_DARK_S = 1.0  # exposure if the trial picture has no light
 
-@dataclass(frozen=True)
-class AutoExposureSettings:
-    """Tune the exposure of a picture that is requested without one. All values are chosen.
-
-    target_fill: electrons of the brightest pixel, over the full well.
-    trial: exposure in seconds of the trial picture that measures the scene's brightness.
-    trial_tol: relative error of the trial picture.
-    dark: exposure in seconds if the trial picture has no light.
-    """
-
-    target_fill: float = 0.5
-    trial: float = 1e-3
-    trial_tol: float = 0.1
-    dark: float = 1.0
-
-
-_SETTINGS = AutoExposureSettings()
+_SMALL_BENCH = {
+    "panel": {"width": 48, "height": 36, "pitch_um": 40.0},
+    "lens": {"f_number": 50.0},
+    # Fewer and larger pixels keep the field of view.
+    "sensor": {"width": 64, "height": 43, "pitch_um": 41.4},
+}
 
 
 @dataclass(frozen=True)
 class PictureRequest:
     """The options for a simulated picture, in SI units.
 
-    scene, bench: files; the bundled ones by default.
-    target: name; the scene's first that isn't dark by default.
-    pattern: 8-bit picture on the panel; neutral by default.
-    wavelength: of the filter in metres; the bench's own by default.
-    exposure: seconds; by default, the brightest pixel is half full.
-    tol: tolerance of the simulation; the scene's own by default.
-    forced_effects: levels of effects, which are added to those that the scene forces.
-    all_effects: whether every effect that isn't forced is at its finest level, whatever tol.
-    decide_by: "estimate" or "bound", by which effects are decided about; the scene's by default.
+    scene, bench: files; the bundled ones by default. target: by default the scene's first that
+    isn't dark. pattern: 8-bit picture on the panel, which is neutral without. wavelength: of the
+    filter; the bench's own by default. exposure: by default, the brightest pixel is half full.
+    tol, decide_by: tolerance of the simulation, and whether estimates or bounds decide about
+    effects; the scene's by default. forced_effects: levels of effects, added to those that the
+    scene forces. all_effects: whether every other effect is at its finest level, whatever tol.
     """
 
     scene: Path | None = None
@@ -133,26 +126,18 @@ def _all_effects_except(forced: Mapping[str, str | bool]) -> dict[str, str | boo
     while falling := [
         one.name
         for one in EFFECTS
-        if found[one.name] and any(_is_off(found[need]) for need in one.requires)
+        if found[one.name] and any(found[need] in (False, "off") for need in one.requires)
     ]:
         found.update(dict.fromkeys(falling, False))
     return {**found, **forced}
 
 
-def _is_off(level: str | bool) -> bool:
-    return level in (False, "off")
-
-
-def _first_lit(scene: SceneFile) -> str:
-    """Return the first target that isn't dark: without a name, nobody asks for a dark one."""
-    names = list(scene.targets)
-    return next((one for one in names if scene.targets[one].kind != "dark"), names[0])
-
-
 def _set_up_world(bench: Bench, scene: SceneFile, request: PictureRequest) -> World:
     world = bench.world
     assert world is not None
-    world.target = request.target or _first_lit(scene)
+    # Without a name, nobody asks for a dark target.
+    lit = (name for name, one in scene.targets.items() if one.kind != "dark")
+    world.target = request.target or next(lit, next(iter(scene.targets)))
     if request.wavelength is not None:
         bench.filter.set_wavelength(request.wavelength)
     if request.pattern is not None:
@@ -165,12 +150,32 @@ def _exposure(world: World, request: PictureRequest, progress: Progress) -> floa
     if request.exposure is not None:
         return request.exposure
     progress.report(0.0, "finding an exposure")
-    trial = world.situation(_SETTINGS.trial)
-    imaging = world.imaging.with_tolerance(_SETTINGS.trial_tol)
+    trial = world.situation(_TRIAL_S)
+    imaging = world.imaging.with_tolerance(_TRIAL_TOL)
     electrons = imaging.electrons(trial, imaging.plan(trial).recipe, progress.raise_if_cancelled)
-    brightest = float(electrons.max()) / _SETTINGS.trial
-    wanted = _SETTINGS.target_fill * world.camera.sensor.full_well
-    return wanted / brightest if brightest > 0 else _SETTINGS.dark
+    brightest = float(electrons.max()) / _TRIAL_S
+    wanted = _FILL * world.camera.sensor.full_well
+    return wanted / brightest if brightest > 0 else _DARK_S
+
+
+def small_bench_setup(scene: Path | None) -> BenchSetup:
+    """Return the bundled bench with fewer, larger pixels, for comparisons with slow references.
+
+    `scene` is the bundled one if it is None. Raises UserError if it can't be read.
+    """
+    return modified_bench_setup(scene, _SMALL_BENCH)
+
+
+def modified_bench_setup(
+    scene: Path | None, changes: Mapping[str, Mapping[str, float]]
+) -> BenchSetup:
+    """Do what small_bench_setup() does with other keys of the bench's tables."""
+    files = BenchFiles.with_defaults(None, scene)
+    data = read_file(files.bench, BenchFile).model_dump(mode="json")
+    for table, entries in changes.items():
+        data[table] |= entries
+    small = BenchFile.model_validate(data)
+    return BenchSetup(small, read_scene(files), "the small bench", str(files.scene))
 
 
 def parse_forced_effects(settings: list[str]) -> dict[str, str | bool]:
@@ -178,20 +183,18 @@ def parse_forced_effects(settings: list[str]) -> dict[str, str | bool]:
 
     LEVEL is on, off, or the name of a level. Raises UserError for anything else.
     """
+    known = {one.name: one for one in EFFECTS}
     found: dict[str, str | bool] = {}
     for setting in settings:
         name, equals, level = (part.strip() for part in setting.partition("="))
         if not (name and equals and level):
             raise UserError(f'--set {setting}: give an effect and its level, "read noise=off".')
-        _require_known_level(setting, name, level)
+        if name not in known:
+            raise UserError(f"--set {setting}: no such effect. Choose {', '.join(known)}.")
+        levels = dict.fromkeys(("off", *known[name].levels, "on"))
+        if level not in levels:
+            raise UserError(
+                f"--set {setting}: {name} has no such level. Choose {', '.join(levels)}."
+            )
         found[name] = {"on": True, "off": False}.get(level, level)
     return found
-
-
-def _require_known_level(setting: str, name: str, level: str) -> None:
-    named = {one.name: one for one in EFFECTS}
-    if name not in named:
-        raise UserError(f"--set {setting}: no such effect. Choose {', '.join(named)}.")
-    if level not in ("on", "off", *named[name].levels):
-        levels = ", ".join(dict.fromkeys(("off", *named[name].levels, "on")))
-        raise UserError(f"--set {setting}: {name} has no such level. Choose {levels}.")

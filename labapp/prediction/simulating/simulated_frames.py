@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -43,13 +42,17 @@ def simulate_frames(
         progress.report(0.35, "forming the picture")
         picture = world.imaging.picture_moments(situation, plan.recipe, progress.raise_if_cancelled)
         drawn = _sample_frames(world, situation, plan, frames, seed, progress.part(0.8, 1.0))
-    write = _WRITERS[kind]
-    write(
-        path,
-        drawn,
-        picture,
-        {"effect_plan": json.dumps(describe_plan(situation, plan)), **staged.files},
-    )
+    decisions = describe_plan(situation, plan)
+    if kind == "png":
+        data = encode_png(path, drawn[0], in_srgb=False)
+    elif kind == "tiff":
+        page = io.BytesIO()
+        metadata = {"effect_plan": decisions}
+        tifffile.imwrite(page, drawn, photometric="minisblack", metadata=metadata)
+        data = page.getvalue()
+    else:
+        data = _as_hdf5(drawn, picture, {"effect_plan": json.dumps(decisions), **staged.files})
+    write_atomically(path, data)
     brightest = int(drawn.max())
     estimated = ", as estimated" if plan.decided_by == "estimate" else ""
     out.print(
@@ -72,41 +75,17 @@ def _sample_frames(
     return drawn
 
 
-def _write_png(
-    path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
-) -> None:
-    write_atomically(path, encode_png(path, frames[0], in_srgb=False))
+def _as_hdf5(frames: Frames, picture: PictureMoments, texts: dict[str, str]) -> bytes:
+    """Return an HDF5 file of frames, with the distribution from which they were drawn.
 
-
-def _write_tiff(
-    path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
-) -> None:
-    page = io.BytesIO()
-    plan = {"effect_plan": json.loads(metadata["effect_plan"])}
-    tifffile.imwrite(page, frames, photometric="minisblack", metadata=plan)
-    write_atomically(path, page.getvalue())
-
-
-def _write_hdf5(
-    path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
-) -> None:
-    """Write frames to an HDF5 file, with the distribution from which they were drawn.
-
-    The distribution is the mean in electrons and the variance in electrons². The file also holds
-    effect plan, bench and scene as JSON.
+    The distribution is the mean in electrons and the variance in electrons². The texts are effect
+    plan, bench and scene as JSON.
     """
     held = io.BytesIO()
     with h5py.File(held, "w", locking=False) as file:
         file["frames"] = frames
         for name in ("electrons", "mean", "variance"):
             file[name] = getattr(picture, name).numpy()
-        for name, text in metadata.items():
+        for name, text in texts.items():
             file[name] = text
-    write_atomically(path, held.getvalue())
-
-
-_WRITERS: dict[str, Callable[[Path, Frames, PictureMoments, dict[str, str]], None]] = {
-    "png": _write_png,
-    "tiff": _write_tiff,
-    "h5": _write_hdf5,
-}
+    return held.getvalue()
