@@ -79,6 +79,10 @@ class PixelLight:
     norm: torch.Tensor | None
     integration_error: float
 
+    def without_values(self) -> PixelLight:
+        """Return what is known of the light without itself: it may be large, and in a graph."""
+        return replace(self, values=torch.empty(0))
+
     def added_light(self, share: float) -> AddedLight | None:
         """Tell of a share of this light in the units of the rest, which is a PSF of its own."""
         if self.norm is None or share == 1:

@@ -268,7 +268,7 @@ class PSFOperator:
         """
         if not self.unmodulated or phase is None:
             light = planned.compute(phase, amplitude, spectra[0])
-            self._last = planned, light
+            self._last = planned, light.without_values()
             return light.values
         straight = planned.unmodulated(amplitude, spectrum=spectra[1], any_error=True)
         try:
@@ -278,7 +278,7 @@ class PSFOperator:
             straight = planned.unmodulated(amplitude, spectrum=spectra[1])
             added = straight.added_light(self.unmodulated)
             light = planned.compute(phase, amplitude, spectra[0], added)
-        self._last = planned, light
+        self._last = planned, light.without_values()
         other = straight.values.to(light.values.device)
         return (1 - self.unmodulated) * light.values + self.unmodulated * other
 
@@ -311,7 +311,7 @@ class PSFOperator:
         if self._asked.symmetry != "none" and amplitude is not None:
             planned, amplitude, cache_result = self._whole, self._expand(amplitude), False
         light = planned.unmodulated(amplitude, cache_result=cache_result, spectrum=spectrum)
-        self._last = planned, light
+        self._last = planned, light.without_values()
         return light.values.clone()
 
     def needs_unmodulated_psf(self, amplitude: torch.Tensor | None) -> bool:

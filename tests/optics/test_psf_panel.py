@@ -1,7 +1,9 @@
 """The PSF against closed forms, and against quadrature that shares nothing with it."""
 
+import gc
 import itertools
 import math
+import weakref
 from dataclasses import replace
 from functools import cache
 
@@ -665,3 +667,14 @@ def test_derivatives_in_lengths_keep_what_is_told_of_them(apart, name, tol):
     assert told is not None
     assert abs(float(slope) / found - 1) <= max(told.value, 1e-5)
     assert abs(float(slope) / found - 1) <= max(tol, 1e-5)
+
+
+def test_an_operator_keeps_no_light_of_its_calls(small_camera):
+    """Only what its account tells: a light may be large, and hold a graph of derivatives."""
+    operator = PSFOperator(small_camera, 2.2, 550e-9, small_camera.sensor.window_plane((8, 8)))
+    light = operator(torch.zeros(small_camera.panel.shape, requires_grad=True))
+    seen = weakref.ref(light)
+    del light
+    gc.collect()
+    assert seen() is None
+    assert operator.account.error > 0
